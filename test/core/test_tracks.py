@@ -1,0 +1,129 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+
+from vislam_ros.core.tracks import Tracks, slots_of
+
+
+def frame_of(pixel_of_id):
+    ids = np.array(list(pixel_of_id), dtype=np.uint32)
+    pixels = np.array([[u, 1.0, u - 10.0, 1.0] for u in pixel_of_id.values()], dtype=np.float32)
+    return ids, pixels.reshape(-1, 4)
+
+
+def observe(tracks, pixel_of_id, motion_expected=True):
+    """Return the frame and a dict from id to key."""
+    ids, pixels = frame_of(pixel_of_id)
+    frame = tracks.observe(ids, pixels, motion_expected)
+    return frame, dict(
+        zip(tracks.identity(frame.keys)[0].tolist(), frame.keys.tolist(), strict=True)
+    )
+
+
+@pytest.fixture
+def tracks():
+    return Tracks(retire_after=1, frozen_share=0.5)
+
+
+def test_a_track_keeps_its_key_while_it_is_seen(tracks):
+    _, first = observe(tracks, {7: 100, 3: 200})
+    frame, second = observe(tracks, {3: 201, 7: 101, 9: 50})
+    assert second[7] == first[7]
+    assert second[3] == first[3]
+    assert second[9] not in first.values()
+    assert not frame.frozen
+    assert not len(frame.ended)
+
+
+def test_pixels_come_in_the_order_of_the_keys(tracks):
+    observe(tracks, {7: 100, 3: 200})
+    frame, keys = observe(tracks, {9: 50, 3: 201, 7: 101})
+    by_key = dict(zip(frame.keys.tolist(), frame.pixels[:, 0].tolist(), strict=True))
+    assert by_key == {keys[9]: 50, keys[3]: 201, keys[7]: 101}
+    assert np.all(np.diff(frame.keys) > 0)
+
+
+def test_a_frame_that_repeats_most_pixels_while_moving_is_frozen(tracks):
+    _, first = observe(tracks, {1: 100, 2: 200, 3: 300})
+    frame, second = observe(tracks, {1: 100, 2: 200, 3: 301, 4: 400})
+    assert frame.frozen
+    assert second[3] == first[3]
+    assert second[1] != first[1]
+    assert second[2] != first[2]
+    assert sorted(frame.ended) == sorted([first[1], first[2]])
+    _, generations = tracks.identity(frame.keys)
+    assert sorted(generations.tolist()) == [0, 0, 1, 1]
+
+
+def test_a_standing_car_may_repeat_its_pixels(tracks):
+    _, first = observe(tracks, {1: 100, 2: 200})
+    frame, second = observe(tracks, {1: 100, 2: 200}, motion_expected=False)
+    assert not frame.frozen
+    assert second == first
+
+
+def test_a_few_repeated_pixels_are_chance(tracks):
+    observe(tracks, {1: 100, 2: 200, 3: 300})
+    assert not observe(tracks, {1: 100, 2: 201, 3: 301})[0].frozen
+
+
+def test_continuity_can_be_turned_off():
+    tracks = Tracks(retire_after=1, frozen_share=None)
+    _, first = observe(tracks, {1: 100, 2: 200})
+    frame, second = observe(tracks, {1: 100, 2: 200})
+    assert not frame.frozen
+    assert second == first
+
+
+def test_an_unseen_track_ends_and_its_id_begins_anew(tracks):
+    _, first = observe(tracks, {1: 100, 2: 200})
+    frame, _ = observe(tracks, {1: 101})
+    assert frame.ended.tolist() == [first[2]]
+    frame, back = observe(tracks, {1: 102, 2: 202})
+    assert back[2] != first[2]
+    assert tracks.identity(np.array([back[2]]))[1].tolist() == [1]
+
+
+def test_retire_after_bridges_short_gaps():
+    tracks = Tracks(retire_after=2, frozen_share=0.5)
+    _, first = observe(tracks, {1: 100, 2: 200})
+    assert not len(observe(tracks, {1: 101})[0].ended)
+    assert observe(tracks, {1: 102, 2: 202})[1] == first
+    observe(tracks, {1: 103})
+    assert observe(tracks, {1: 104})[0].ended.tolist() == [first[2]]
+
+
+def test_pixels_of_before_a_gap_are_no_copies():
+    tracks = Tracks(retire_after=2, frozen_share=0.5)
+    _, first = observe(tracks, {1: 100, 2: 200})
+    observe(tracks, {1: 101})
+    frame, second = observe(tracks, {1: 102, 2: 200})
+    assert not frame.frozen
+    assert second == first
+
+
+def test_a_rejected_point_begins_anew_when_seen_again(tracks):
+    _, first = observe(tracks, {1: 100, 2: 200})
+    tracks.restart(np.array([first[1]]))
+    frame, second = observe(tracks, {1: 101, 2: 201})
+    assert second[1] != first[1]
+    assert second[2] == first[2]
+    assert not len(frame.ended)
+
+
+def test_rejected_tracks_still_tell_a_frozen_frame(tracks):
+    _, first = observe(tracks, {1: 100, 2: 200})
+    tracks.restart(np.array(list(first.values())))
+    assert observe(tracks, {1: 100, 2: 200})[0].frozen
+
+
+def test_an_empty_frame_is_a_frame(tracks):
+    _, first = observe(tracks, {1: 100})
+    frame, _ = observe(tracks, {})
+    assert frame.ended.tolist() == list(first.values())
+    assert tracks.ids_seen == 1
+
+
+def test_slots_are_found_in_a_table_of_any_order():
+    assert slots_of(np.array([5, 2, 9]), np.array([9, 5, 7, 2])).tolist() == [1, 3, 0]

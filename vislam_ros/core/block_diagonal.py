@@ -1,0 +1,100 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The report's separated filter (eq. 72): pose and landmarks without cross-covariance.
+
+It corrects with the joint innovation covariance and then forgets what correlates pose and
+landmarks. Without correlations every matrix is a sum of small blocks: with ``D = H_L P_L H_L^T +
+R``, one block a landmark, the innovation covariance is ``S = D + H_p Sigma H_p^T`` and Woodbury's
+identity gives all that is needed of its inverse.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core import se3
+from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.estimator import Outcome
+from vislam_ros.core.gating import passes_gates
+from vislam_ros.core.independent_landmarks import IndependentLandmarks
+from vislam_ros.core.motion import Increment, propagate, symmetrized
+from vislam_ros.core.observation import StereoObservation
+from vislam_ros.core.pose_update import corrected_by_information
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.tracks import Keys, TrackedFrame, slots_of
+
+Array = NDArray[np.float64]
+
+
+class BlockDiagonalFilter:
+    """EKF with C = 0. It is overconfident: the report keeps C for that reason."""
+
+    def __init__(self, settings: SlamSettings, camera: StereoCamera):
+        self._settings = settings
+        self._observation = StereoObservation(camera, settings.pixel_variance)
+        self._landmarks = IndependentLandmarks(settings, self._observation)
+        self.T_world_body = np.eye(4)
+        self.pose_covariance: Array = settings.prior_pose_variance * np.eye(6)
+
+    @property
+    def active(self) -> int:
+        """Number of landmarks that the next frame can correct."""
+        return len(self._landmarks.keys)
+
+    @property
+    def landmark_count(self) -> int:
+        """Number of landmarks, set aside ones included."""
+        return self._landmarks.count
+
+    def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
+        """Predict the pose, correct pose and landmarks, admit the new ones."""
+        landmarks = self._landmarks
+        self.T_world_body = self.T_world_body @ increment.T
+        self.pose_covariance = symmetrized(propagate(self.pose_covariance, increment))
+        landmarks.retire(frame.ended)
+        known = np.isin(frame.keys, landmarks.keys)
+        usable = landmarks.has_depth(frame.pixels)
+        outcome = self._correct(frame.keys[known & usable], frame.pixels[known & usable])
+        landmarks.retire(outcome.rejected)
+        new = ~known & usable
+        landmarks.admit(
+            frame.keys[new], frame.pixels[new], self.T_world_body, self.pose_covariance
+        )
+        return Outcome(
+            outcome.used, int(new.sum()), outcome.rejected, outcome.nis, outcome.nis_dof
+        )
+
+    def _correct(self, keys: Keys, pixels: Array) -> Outcome:
+        landmarks = self._landmarks
+        slots = slots_of(keys, landmarks.keys)
+        predicted = self._observation.predict(self.T_world_body, landmarks.means[slots])
+        residual = self._observation.rows(pixels) - predicted.z
+        H_p, H_L, P = predicted.H_pose, predicted.H_landmark, landmarks.covariances[slots]
+        Sigma = self.pose_covariance
+        D = H_L @ P @ np.swapaxes(H_L, -1, -2) + self._observation.noise
+        S_blocks = D + H_p @ Sigma @ np.swapaxes(H_p, -1, -2)
+        passed = predicted.visible & passes_gates(self._settings, residual, S_blocks)
+        slots, residual, D = slots[passed], residual[passed, :, None], D[passed]
+        H_p, H_L, P = H_p[passed], H_L[passed], P[passed]
+
+        D_inverse_H_p = np.linalg.solve(D, H_p)
+        D_inverse_r = np.linalg.solve(D, residual)
+        information = np.einsum("nri,nrj->ij", H_p, D_inverse_H_p)
+        Sigma_plus = corrected_by_information(Sigma, symmetrized(information))
+        delta_pose = Sigma_plus @ np.einsum("nri,nrk->i", H_p, D_inverse_r)
+
+        # Rows of S^-1 r and diagonal blocks of S^-1, by Woodbury.
+        S_inverse_r = D_inverse_r - (D_inverse_H_p @ delta_pose)[..., None]
+        S_inverse = np.linalg.inv(D) - D_inverse_H_p @ Sigma_plus @ np.swapaxes(
+            D_inverse_H_p, -1, -2
+        )
+        HP = H_L @ P
+        landmarks.means[slots] += (np.swapaxes(HP, -1, -2) @ S_inverse_r)[..., 0]
+        landmarks.covariances[slots] = symmetrized(P - np.swapaxes(HP, -1, -2) @ S_inverse @ HP)
+        self.T_world_body = self.T_world_body @ se3.exp(delta_pose)
+        self.pose_covariance = Sigma_plus
+        nis = float(np.sum(residual * S_inverse_r))
+        return Outcome(len(slots), rejected=keys[~passed], nis=nis, nis_dof=residual.size)
+
+    def landmarks(self) -> tuple[Keys, Array, Array]:
+        """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
+        return self._landmarks.all()

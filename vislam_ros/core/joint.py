@@ -1,0 +1,201 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The report's joint EKF (eq. 62-71): pose and world-frame landmarks with all correlations.
+
+The dense block holds the pose and the landmarks that are tracked now. A landmark whose track has
+ended can no longer be observed, so it no longer matters to the pose: it is set aside as it
+stands, and the pose estimate stays that of the filter over all landmarks.
+"""
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from vislam_ros.core import se3
+from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.estimator import Outcome
+from vislam_ros.core.gating import passes_gates
+from vislam_ros.core.landmarks import LandmarkStore
+from vislam_ros.core.motion import Increment, symmetrized
+from vislam_ros.core.observation import PredictedObservation, StereoObservation
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.tracks import Keys, TrackedFrame, slots_of
+
+Array = NDArray[np.float64]
+
+
+class JointFilter:
+    """EKF over the error state ``[xi; delta m_1; ...; delta m_n]``, pose first.
+
+    Parameters
+    ----------
+    settings : SlamSettings
+    camera : StereoCamera
+
+    Attributes
+    ----------
+    T_world_body : ndarray, (4, 4)
+    covariance : ndarray, (6 + 3 n, 6 + 3 n)
+    keys : ndarray of int64, (n,)
+        The active landmarks.
+    means : ndarray, (n, 3)
+        Their world positions, metres.
+    """
+
+    def __init__(self, settings: SlamSettings, camera: StereoCamera):
+        self._settings = settings
+        self._observation = StereoObservation(camera, settings.pixel_variance)
+        self._retired = LandmarkStore()
+        self.T_world_body = np.eye(4)
+        self.covariance: Array = settings.prior_pose_variance * np.eye(6)
+        self.keys: Keys = np.empty(0, dtype=np.int64)
+        self.means: Array = np.empty((0, 3))
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Covariance (6, 6) of the pose error on the right."""
+        return self.covariance[:6, :6].copy()
+
+    @property
+    def active(self) -> int:
+        """Number of landmarks in the dense block."""
+        return len(self.keys)
+
+    @property
+    def landmark_count(self) -> int:
+        """Number of landmarks, set aside ones included."""
+        return self._retired.count + len(self.keys)
+
+    def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
+        """Predict (eq. 64-67), retire, correct (eq. 68-71) and admit."""
+        self._predict(increment)
+        self._retire(frame.ended)
+        known = np.isin(frame.keys, self.keys)
+        usable = self._has_depth(frame.pixels)
+        used, rejected, nis, dof = self._correct(
+            frame.keys[known & usable], frame.pixels[known & usable]
+        )
+        self._retire(rejected)
+        self._admit(frame.keys[~known & usable], frame.pixels[~known & usable])
+        return Outcome(used, int(np.sum(~known & usable)), rejected, nis, dof)
+
+    def landmarks(self) -> tuple[Keys, Array, Array]:
+        """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
+        keys, means, covariances = self._retired.all()
+        return (
+            np.concatenate([keys, self.keys]),
+            np.concatenate([means, self.means]),
+            np.concatenate([covariances, self._landmark_covariances()]),
+        )
+
+    def _landmark_covariances(self) -> Array:
+        n = len(self.keys)
+        blocks = self.covariance[6:, 6:].reshape(n, 3, n, 3)
+        return blocks[np.arange(n), :, np.arange(n), :]
+
+    def _has_depth(self, pixels: Array) -> NDArray[np.bool_]:
+        return pixels[:, 0] - pixels[:, 2] >= self._settings.min_disparity
+
+    def _predict(self, increment: Increment) -> None:
+        F = increment.transition
+        P = self.covariance
+        self.T_world_body = self.T_world_body @ increment.T
+        P[:6, :6] = F @ P[:6, :6] @ F.T + increment.covariance
+        P[:6, 6:] = F @ P[:6, 6:]
+        P[6:, :6] = P[:6, 6:].T
+
+    def _retire(self, keys: Keys) -> None:
+        gone = np.isin(self.keys, keys)
+        if not np.any(gone):
+            return
+        self._retired.add(self.keys[gone], self.means[gone], self._landmark_covariances()[gone])
+        self.keys, self.means = self.keys[~gone], self.means[~gone]
+        kept = np.concatenate([np.ones(6, dtype=bool), np.repeat(~gone, 3)])
+        self.covariance = self.covariance[np.ix_(kept, kept)]
+
+    def _correct(self, keys: Keys, pixels: Array) -> tuple[int, Keys, float, int]:
+        """Correct by the observations of active landmarks that pass the gates.
+
+        Returns
+        -------
+        used : int
+            Observations that corrected the state.
+        rejected : ndarray of int64
+            Keys of the others.
+        nis : float
+        nis_dof : int
+        """
+        if not len(keys):
+            return 0, keys, 0.0, 0
+        slots = slots_of(keys, self.keys)
+        predicted = self._observation.predict(self.T_world_body, self.means[slots])
+        residual = self._observation.rows(pixels) - predicted.z
+        HP = self._times_H(predicted, slots)
+        S = self._innovation_covariance(HP, predicted, slots)
+        n, r = residual.shape
+        blocks = S.reshape(n, r, n, r)[np.arange(n), :, np.arange(n), :]
+        passed = predicted.visible & passes_gates(self._settings, residual, blocks)
+        if not np.any(passed):
+            return 0, keys, 0.0, 0
+        rows = np.repeat(passed, r)
+        try:
+            L = scipy.linalg.cholesky(S[np.ix_(rows, rows)], lower=True, check_finite=False)
+        except scipy.linalg.LinAlgError:
+            # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
+            return 0, keys, 0.0, 0
+        Y = scipy.linalg.solve_triangular(L, HP[rows], lower=True, check_finite=False)
+        whitened = scipy.linalg.solve_triangular(
+            L, residual[passed].ravel(), lower=True, check_finite=False
+        )
+        # P - K S K^T as P - Y^T Y: symmetric to the last bit, unlike (I - K H) P.
+        self.covariance -= Y.T @ Y
+        delta = whitened @ Y
+        self.T_world_body = self.T_world_body @ se3.exp(delta[:6])
+        self.means = self.means + delta[6:].reshape(-1, 3)
+        return int(passed.sum()), keys[~passed], float(whitened @ whitened), len(whitened)
+
+    def _times_H(self, predicted: PredictedObservation, slots: NDArray[np.int64]) -> Array:
+        """Return H P (n r, 6 + 3 m) without multiplying by the zeros of H."""
+        P = self.covariance
+        landmark_rows = P[6:].reshape(-1, 3, len(P))[slots]
+        HP = predicted.H_pose @ P[:6] + predicted.H_landmark @ landmark_rows
+        return HP.reshape(-1, len(P))
+
+    def _innovation_covariance(
+        self, HP: Array, predicted: PredictedObservation, slots: NDArray[np.int64]
+    ) -> Array:
+        """Return S = (H P) H^T + R (n r, n r), again without the zeros."""
+        n, r, _ = predicted.H_pose.shape
+        landmark_columns = HP[:, 6:].reshape(n * r, -1, 3)[:, slots]
+        S = HP[:, :6] @ predicted.H_pose.reshape(n * r, 6).T
+        S += np.einsum("ajc,jsc->ajs", landmark_columns, predicted.H_landmark).reshape(S.shape)
+        blocks = S.reshape(n, r, n, r)
+        blocks[np.arange(n), :, np.arange(n), :] += self._observation.noise
+        return S
+
+    def _admit(self, keys: Keys, pixels: Array) -> None:
+        """Add landmarks seen for the first time."""
+        if not len(keys):
+            return
+        positions, J_pose, noise = self._observation.invert(self.T_world_body, pixels)
+        P = self.covariance
+        size, added = len(P), 3 * len(keys)
+        grown = np.zeros((size + added, size + added))
+        grown[:size, :size] = P
+        if self._settings.landmark_initialization == "correlated":
+            J = J_pose.reshape(added, 6)
+            cross = J @ P[:6]
+            new = cross[:, :6] @ J.T
+            grown[size:, :size] = cross
+            grown[:size, size:] = cross.T
+        else:
+            new = np.zeros((added, added))
+            noise = np.broadcast_to(
+                self._settings.landmark_prior_variance * np.eye(3), (len(keys), 3, 3)
+            )
+        n = len(keys)
+        new.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += noise
+        grown[size:, size:] = symmetrized(new)
+        self.covariance = grown
+        self.keys = np.concatenate([self.keys, keys])
+        self.means = np.concatenate([self.means, positions])

@@ -1,0 +1,68 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Motion over a step: the pose increment, its noise, and how an error travels along it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core import se3
+from vislam_ros.core.settings import MotionSettings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Increment:
+    """Motion of the body between two stamps, as the prediction sees it.
+
+    Attributes
+    ----------
+    T : ndarray, (4, 4)
+        Pose of the body at the later stamp in the body at the earlier one.
+    duration : float
+        Seconds.
+    covariance : ndarray, (6, 6)
+        Covariance W of the error on the right of ``T``, ``[rho; theta]``.
+    """
+
+    T: Array
+    duration: float
+    covariance: Array
+
+    @property
+    def transition(self) -> Array:
+        """Matrix ``F = Ad(T^-1)`` (6, 6) that carries an earlier error over the step."""
+        return se3.adjoint(se3.inverse(self.T))
+
+
+def process_covariance(settings: MotionSettings, duration: float, share: float = 1.0) -> Array:
+    """Covariance W (6, 6) of the motion over one sample of the twist.
+
+    White noise sigma on a twist that is held for tau seconds moves the pose by sigma tau.
+
+    Parameters
+    ----------
+    settings : MotionSettings
+    duration : float
+        The time tau for which the sample is held, seconds.
+    share : float
+        The part of that time which is asked for; variances of parts add up to the whole's.
+    """
+    if settings.process_noise == "constant":
+        return share * settings.process_variance * np.eye(6)
+    linear = (settings.velocity_noise_std * duration) ** 2
+    angular = (settings.angular_velocity_noise_std * duration) ** 2
+    return share * np.diag([linear, linear, linear, angular, angular, angular])
+
+
+def propagate(covariance: Array, increment: Increment) -> Array:
+    """Covariance of a pose after an increment: ``F Sigma F^T + W`` (the report's eq. 52)."""
+    F = increment.transition
+    return F @ covariance @ F.T + increment.covariance
+
+
+def symmetrized(matrix: Array) -> Array:
+    """Symmetric part of matrices (..., n, n)."""
+    return 0.5 * (matrix + np.swapaxes(matrix, -1, -2))

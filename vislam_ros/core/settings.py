@@ -1,0 +1,236 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the estimators: one frozen dataclass each, described where they are declared.
+
+The nodes declare their ROS parameters from these fields, and ``vislam solve`` reads them from
+the same YAML, so a name, a range and a meaning are written once.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from vislam_ros.errors import SettingsError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+ESTIMATORS = ("joint", "block_diagonal", "mapping", "localization", "dead_reckoning")
+
+
+def setting(
+    default: Any,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Declare a dataclass field with its meaning (unit in brackets) and its range."""
+    return dataclasses.field(
+        default=default,
+        metadata={
+            "description": description,
+            "minimum": minimum,
+            "maximum": maximum,
+            "choices": choices,
+        },
+    )
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """Noise of the motion and the order of time, shared by the prediction and the filters."""
+
+    process_noise: str = setting(
+        "white_twist",
+        "How the covariance W of a step of tau seconds is made: white_twist takes (sigma tau)^2 "
+        "from the two noise levels below, constant takes process_variance for every step",
+        choices=("white_twist", "constant"),
+    )
+    velocity_noise_std: float = setting(
+        0.5,
+        "White noise of one velocity sample on each axis [m/s], with process_noise: white_twist",
+        minimum=0.0,
+    )
+    angular_velocity_noise_std: float = setting(
+        0.05,
+        "White noise of one angular velocity sample on each axis [rad/s], with process_noise: "
+        "white_twist",
+        minimum=0.0,
+    )
+    process_variance: float = setting(
+        1e-10,
+        "Variance of each of the six pose terms in a step [m^2, rad^2], with process_noise: "
+        "constant",
+        minimum=0.0,
+    )
+    prior_pose_variance: float = setting(
+        0.0,
+        "Variance of each of the six terms of the first pose [m^2, rad^2]; 0 makes the first "
+        "pose the map's origin",
+        minimum=0.0,
+    )
+    time_jump: float = setting(
+        1.0,
+        "A stamp that lies more than this before the one last seen starts the estimate anew, as "
+        "a looping bag does; a smaller step back is a late message and is refused [s]",
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class PredictionSettings(MotionSettings):
+    """Settings of the dead reckoning."""
+
+
+@dataclass(frozen=True)
+class SlamSettings(MotionSettings):
+    """Settings of the SLAM filters."""
+
+    estimator: str = setting(
+        "joint",
+        "Which filter runs",
+        choices=ESTIMATORS,
+    )
+    landmark_initialization: str = setting(
+        "correlated",
+        "Covariance of a new landmark: correlated (J P J^T + R, with its cross-covariance) or "
+        "the report's independent (landmark_prior_variance times the identity, none)",
+        choices=("correlated", "independent"),
+    )
+    landmark_prior_variance: float = setting(
+        0.5,
+        "Variance of each axis of a new landmark [m^2], with landmark_initialization: "
+        "independent and in the estimators mapping and block_diagonal",
+        minimum=0.0,
+    )
+    pixel_variance: tuple[float, ...] = setting(
+        (1.0, 1.0, 1.0, 1.0),
+        "Variances of u_left, v_left, u_right, v_right [px^2]; four equal ones make the filter "
+        "use three exact rows in place of four",
+        minimum=1e-12,
+    )
+    chi2_gate: float = setting(
+        16.27,
+        "An observation whose squared Mahalanobis distance (3 degrees of freedom) is larger is "
+        "rejected; 0 turns the gate off",
+        minimum=0.0,
+    )
+    pixel_gate: float = setting(
+        0.0,
+        "An observation farther than this from its prediction is rejected [px]; 0 turns the "
+        "gate off",
+        minimum=0.0,
+    )
+    min_disparity: float = setting(
+        1.0,
+        "Observations with a smaller disparity are not used by filters that hold landmarks in "
+        "metres [px]",
+        minimum=1e-3,
+    )
+    retire_after: int = setting(
+        1,
+        "A landmark unseen for this many feature frames leaves the dense block and its track",
+        minimum=1,
+    )
+    track_continuity: bool = setting(
+        True,
+        "Find frozen frames, which repeat the last pixels while the body moves, and begin the "
+        "repeated tracks anew",
+    )
+    frozen_share: float = setting(
+        0.5,
+        "A frame is frozen when more than this share of its common tracks repeat their pixels "
+        "to the last bit",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    frozen_motion: float = setting(
+        0.1,
+        "Tracks that the predicted motion moves by less than this (median of a frame) may "
+        "repeat their pixels honestly, as those of a standing car do [px]",
+        minimum=0.0,
+    )
+    planar: bool = setting(
+        False,
+        "The mapping estimator keeps every landmark at z = 0 and estimates x and y, as the "
+        "report does",
+    )
+    feature_fraction: float = setting(
+        1.0,
+        "Share of the tracks that are used, chosen by a hash of id and seed",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    seed: int = setting(0, "Seed of the choice of tracks", minimum=0)
+    max_pending: int = setting(
+        5000,
+        "Feature frames that may wait for their prediction or the camera; more are refused",
+        minimum=1,
+    )
+
+
+S = TypeVar("S", bound="DataclassInstance")
+
+
+def settings_from_dict(cls: type[S], values: Mapping[str, Any]) -> S:
+    """Build settings from names and values, checking type and range of each.
+
+    Raises
+    ------
+    SettingsError
+        Naming the field, the value and what is allowed.
+    """
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    for name in values:
+        if name not in fields:
+            raise SettingsError(
+                f"{name}: no such parameter; there are {', '.join(sorted(fields))}"
+            )
+    checked = {name: _checked(fields[name], value) for name, value in values.items()}
+    return cls(**checked)
+
+
+def _checked(field: "dataclasses.Field[Any]", value: Any) -> Any:
+    """Value of a field in the type of its default, or a SettingsError."""
+    default, metadata = field.default, field.metadata
+    wanted = type(default).__name__
+    if isinstance(default, tuple):
+        if not isinstance(value, (list, tuple)) or len(value) != len(default):
+            raise SettingsError(f"{field.name}: {value!r} is not a list of {len(default)} numbers")
+        result: Any = tuple(_number(field.name, item) for item in value)
+        numbers = result
+    elif isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise SettingsError(f"{field.name}: {value!r} is not true or false")
+        return value
+    elif isinstance(default, float):
+        result = _number(field.name, value)
+        numbers = (result,)
+    elif isinstance(default, int):
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise SettingsError(f"{field.name}: {value!r} is not a whole number")
+        result, numbers = value, (value,)
+    else:
+        if not isinstance(value, str):
+            raise SettingsError(f"{field.name}: {value!r} is not a {wanted}")
+        if metadata["choices"] and value not in metadata["choices"]:
+            raise SettingsError(
+                f"{field.name}: {value!r} is none of {', '.join(metadata['choices'])}"
+            )
+        return value
+    low, high = metadata["minimum"], metadata["maximum"]
+    for number in numbers:
+        if (low is not None and number < low) or (high is not None and number > high):
+            allowed = f"at least {low}" if high is None else f"between {low} and {high}"
+            raise SettingsError(f"{field.name}: {number!r} is out of range; it must be {allowed}")
+    return result
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise SettingsError(f"{name}: {value!r} is not a finite number")
+    return float(value)

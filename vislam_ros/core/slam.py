@@ -1,0 +1,375 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The SLAM session: predictions and features in, in whatever order they come; steps out.
+
+The same session runs in the node and in ``vislam solve``. What it computes depends on the stamps
+and values alone, never on when a message happened to arrive.
+"""
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vislam_ros.core import se3
+from vislam_ros.core.block_diagonal import BlockDiagonalFilter
+from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.dead_reckoning import DeadReckoningEstimator
+from vislam_ros.core.estimator import Estimator, Outcome
+from vislam_ros.core.joint import JointFilter
+from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.core.localization import LocalizationFilter
+from vislam_ros.core.mapping import MappingFilter
+from vislam_ros.core.motion import Increment
+from vislam_ros.core.pairing import PredictedPath
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.time_order import Refusal, TimeOrder
+from vislam_ros.core.tracks import TrackedFrame, Tracks
+from vislam_ros.errors import SettingsError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SlamStep:
+    """The estimate after one features message, and what was done with it.
+
+    Attributes
+    ----------
+    stamp : int
+        The features message's, nanoseconds.
+    position, quaternion : ndarray, (3,), (4,)
+        Body in the map; x, y, z, w.
+    covariance : ndarray, (6, 6)
+        Of the pose error ``[rho; theta]`` on the right.
+    T_map_odom : ndarray, (4, 4)
+        Carries the predicted pose of the same stamp into the map.
+    first_of_pass : bool
+        Whether the estimate began with this step.
+    frozen : bool
+        Whether the frame repeats the last one's pixels (see tracks).
+    observed, used, rejected, admitted : int
+        Observations in the frame; those that corrected the state, failed a gate, began a
+        landmark.
+    active, landmarks : int
+        Landmarks that are tracked, and all there are.
+    tracks : int
+        Different ids so far.
+    nis, nis_dof : float, int
+        Normalised innovation squared of the used observations, and its degrees of freedom.
+    duration_ms : float
+        Time that the step took, milliseconds.
+    """
+
+    stamp: int
+    position: Array
+    quaternion: Array
+    covariance: Array
+    T_map_odom: Array
+    first_of_pass: bool
+    frozen: bool
+    observed: int
+    used: int
+    rejected: int
+    admitted: int
+    active: int
+    landmarks: int
+    tracks: int
+    nis: float
+    nis_dof: int
+    duration_ms: float
+
+
+@dataclass(frozen=True)
+class _PendingFrame:
+    pass_number: int
+    stamp: int
+    ids: NDArray[np.uint32]
+    pixels: NDArray[np.float32]
+
+
+class Slam:
+    """A SLAM session.
+
+    Parameters
+    ----------
+    settings : SlamSettings
+    given_map : LandmarkMap, optional
+        The map of the estimator ``localization``.
+
+    Attributes
+    ----------
+    refused : Counter of str
+        Refused messages by reason; those of predictions begin with ``prediction_``.
+    resets : int
+        How often the estimate began anew.
+    previous_map : LandmarkMap or None
+        The map as it stood when the estimate last began anew.
+
+    Raises
+    ------
+    SettingsError
+        Where the estimator needs a map and none is given.
+    """
+
+    def __init__(self, settings: SlamSettings, given_map: LandmarkMap | None = None):
+        if settings.estimator == "localization" and given_map is None:
+            raise SettingsError("estimator: 'localization' needs a map; set map_file to one")
+        self._settings = settings
+        self._given_map = given_map
+        self._camera: StereoCamera | None = None
+        self.refused: Counter[str] = Counter()
+        self.resets = 0
+        self.previous_map: LandmarkMap | None = None
+        self._feature_order = TimeOrder(settings.time_jump)
+        self._prediction_order = TimeOrder(settings.time_jump)
+        self._clear()
+
+    def _clear(self) -> None:
+        """Forget all messages and the estimate, but not the camera."""
+        self._feature_order.reset()
+        self._prediction_order.reset()
+        # Both streams count their passes, so that each frame meets predictions of its own pass.
+        self._feature_pass: int | None = None
+        self._prediction_pass: int | None = None
+        self._paths: dict[int, PredictedPath] = {}
+        self._pending: deque[_PendingFrame] = deque()
+        self._begin_pass(0)
+
+    def _begin_pass(self, pass_number: int) -> None:
+        settings = self._settings
+        self._pass = pass_number
+        self._estimator: Estimator | None = None
+        self._last_stamp: int | None = None
+        self._tracks = Tracks(
+            settings.retire_after, settings.frozen_share if settings.track_continuity else None
+        )
+
+    @property
+    def waiting(self) -> int:
+        """Number of feature frames that wait for their prediction or for the camera."""
+        return len(self._pending)
+
+    def reset(self) -> None:
+        """Begin anew with the next features message, as at the start."""
+        self._keep_map()
+        self._clear()
+        self.resets += 1
+
+    def _keep_map(self) -> None:
+        if self._estimator is not None:
+            self.previous_map = self.landmarks()
+
+    def set_camera(self, camera: StereoCamera) -> list[SlamStep]:
+        """Tell the calibration; features that came before it are waiting.
+
+        A calibration that differs from the one in use holds from the next pass on.
+
+        Returns
+        -------
+        list of SlamStep
+            The steps that became ready.
+        """
+        self._camera = camera
+        return self._advance()
+
+    def add_prediction(
+        self, stamp: int, position: ArrayLike, quaternion: ArrayLike
+    ) -> list[SlamStep]:
+        """Take a predicted pose of the body in the odometry frame.
+
+        Parameters
+        ----------
+        stamp : int
+            Nanoseconds.
+        position, quaternion : array_like, (3,), (4,)
+            Metres; x, y, z, w.
+
+        Returns
+        -------
+        list of SlamStep
+            The steps that became ready.
+        """
+        position = np.asarray(position, dtype=float)
+        quaternion = np.asarray(quaternion, dtype=float)
+        reason = self._prediction_order.refusal(stamp)
+        if position.shape != (3,) or quaternion.shape != (4,):
+            reason = Refusal.WRONG_SIZE
+        elif not (np.all(np.isfinite(position)) and np.all(np.isfinite(quaternion))):
+            reason = Refusal.NON_FINITE
+        elif abs(np.linalg.norm(quaternion) - 1.0) > 1e-3:
+            reason = Refusal.NOT_A_ROTATION
+        if reason is not None:
+            self.refused[f"prediction_{reason.value}"] += 1
+            return []
+        if self._prediction_pass is None:
+            self._prediction_pass = self._feature_pass or self._pass
+        elif self._prediction_order.is_jump(stamp):
+            self._prediction_pass += 1
+        self._prediction_order.accept(stamp)
+        path = self._paths.setdefault(self._prediction_pass, PredictedPath(self._settings))
+        path.add(stamp, se3.pose_matrix(position, quaternion))
+        return self._advance()
+
+    def add_features(self, stamp: int, ids: ArrayLike, pixels: ArrayLike) -> list[SlamStep]:
+        """Take the features of one stamp.
+
+        Parameters
+        ----------
+        stamp : int
+            Nanoseconds.
+        ids : array_like of uint32, (n,)
+        pixels : array_like of float32, (n, 4)
+            ``u_left, v_left, u_right, v_right``.
+
+        Returns
+        -------
+        list of SlamStep
+            The steps that became ready.
+        """
+        ids = np.asarray(ids, dtype=np.uint32)
+        pixels = np.asarray(pixels, dtype=np.float32)
+        reason = self._feature_order.refusal(stamp)
+        if ids.ndim != 1 or pixels.shape != (len(ids), 4):
+            reason = Refusal.WRONG_SIZE
+        elif not np.all(np.isfinite(pixels)):
+            reason = Refusal.NON_FINITE
+        elif len(np.unique(ids)) != len(ids):
+            reason = Refusal.DUPLICATE_IDS
+        elif reason is None and len(self._pending) >= self._settings.max_pending:
+            reason = Refusal.QUEUE_FULL
+        if reason is not None:
+            self.refused[reason.value] += 1
+            return []
+        if self._feature_pass is None:
+            self._feature_pass = self._prediction_pass or self._pass
+        elif self._feature_order.is_jump(stamp):
+            self._feature_pass += 1
+        self._feature_order.accept(stamp)
+        chosen = _chosen(ids, self._settings.feature_fraction, self._settings.seed)
+        self._pending.append(_PendingFrame(self._feature_pass, stamp, ids[chosen], pixels[chosen]))
+        return self._advance()
+
+    def landmarks(self) -> LandmarkMap:
+        """Return the whole map as it stands."""
+        if self._estimator is None:
+            empty = np.empty(0, dtype=np.uint32)
+            return LandmarkMap(empty, empty, np.empty((0, 3)), np.empty((0, 3, 3)))
+        if self._given_map is not None:
+            return self._given_map
+        keys, positions, covariances = self._estimator.landmarks()
+        ids, generations = self._tracks.identity(keys)
+        return LandmarkMap(ids, generations, positions, covariances)
+
+    def _advance(self) -> list[SlamStep]:
+        """Take every waiting frame whose motion is known by now."""
+        steps: list[SlamStep] = []
+        while self._pending and self._camera is not None:
+            frame = self._pending[0]
+            path = self._paths.get(frame.pass_number)
+            pass_is_over = (self._prediction_pass or 0) > frame.pass_number
+            covered = path is not None and path.reaches(frame.stamp)
+            if covered and path is not None and not path.begins_after(frame.stamp):
+                self._pending.popleft()
+                steps.append(self._step(frame, path, self._camera))
+            elif covered or pass_is_over:
+                # No prediction that is still to come can tell where this frame was taken.
+                self._pending.popleft()
+                self.refused[Refusal.NO_PREDICTION.value] += 1
+            else:
+                break
+        return steps
+
+    def _step(self, frame: _PendingFrame, path: PredictedPath, camera: StereoCamera) -> SlamStep:
+        begin = time.perf_counter()
+        if frame.pass_number != self._pass:
+            self._keep_map()
+            self._paths = {n: p for n, p in self._paths.items() if n >= frame.pass_number}
+            self._begin_pass(frame.pass_number)
+            self.resets += 1
+        if self._last_stamp is None:
+            increment = Increment(np.eye(4), 0.0, np.zeros((6, 6)))
+        else:
+            increment = path.increment(self._last_stamp, frame.stamp)
+        first = self._estimator is None
+        if self._estimator is None:
+            self._estimator = self._new_estimator(camera)
+        tracked = self._tracks.observe(
+            frame.ids, frame.pixels, self._motion_expected(camera, increment)
+        )
+        outcome = self._estimator.step(increment, tracked)
+        if self._given_map is None:
+            self._tracks.restart(outcome.rejected)
+        self._last_stamp = frame.stamp
+        path.forget_before(frame.stamp)
+        return self._report(begin, frame, path, first, tracked, outcome, self._estimator)
+
+    def _report(
+        self,
+        begin: float,
+        frame: _PendingFrame,
+        path: PredictedPath,
+        first: bool,
+        tracked: TrackedFrame,
+        outcome: Outcome,
+        estimator: Estimator,
+    ) -> SlamStep:
+        T = estimator.T_world_body
+        return SlamStep(
+            stamp=frame.stamp,
+            position=T[:3, 3].copy(),
+            quaternion=se3.quaternion_from_rotation(T[:3, :3]),
+            covariance=estimator.pose_covariance,
+            T_map_odom=T @ se3.inverse(path.pose(frame.stamp)),
+            first_of_pass=first,
+            frozen=tracked.frozen,
+            observed=len(tracked.keys),
+            used=outcome.used,
+            rejected=len(outcome.rejected),
+            admitted=outcome.admitted,
+            active=estimator.active,
+            landmarks=estimator.landmark_count,
+            tracks=self._tracks.ids_seen,
+            nis=outcome.nis,
+            nis_dof=outcome.nis_dof,
+            duration_ms=(time.perf_counter() - begin) * 1e3,
+        )
+
+    def _new_estimator(self, camera: StereoCamera) -> Estimator:
+        settings = self._settings
+        makers: dict[str, Callable[[], Estimator]] = {
+            "joint": lambda: JointFilter(settings, camera),
+            "block_diagonal": lambda: BlockDiagonalFilter(settings, camera),
+            "mapping": lambda: MappingFilter(settings, camera),
+            "dead_reckoning": lambda: DeadReckoningEstimator(settings),
+        }
+        if self._given_map is not None and settings.estimator == "localization":
+            tracks = self._tracks
+            return LocalizationFilter(
+                settings, camera, self._given_map, lambda keys: tracks.identity(keys)[0]
+            )
+        return makers[settings.estimator]()
+
+    def _motion_expected(self, camera: StereoCamera, increment: Increment) -> bool:
+        """Tell whether the predicted motion moves the last frame's pixels noticeably."""
+        pixels = self._tracks.last_pixels().astype(float)
+        if not len(pixels):
+            return False
+        y = pixels[:, [0, 2, 1]]
+        T_new_old = camera.T_camera_body @ se3.inverse(increment.T) @ camera.T_body_camera
+        flow = np.linalg.norm(camera.warp(y, T_new_old) - y, axis=1)
+        return float(np.median(flow)) > self._settings.frozen_motion
+
+
+def _chosen(ids: NDArray[np.uint32], fraction: float, seed: int) -> NDArray[np.bool_]:
+    """Choose a share of the tracks, each by its id and the seed alone (SplitMix64's mixing)."""
+    if fraction >= 1.0:
+        return np.ones(len(ids), dtype=bool)
+    mixed = ids.astype(np.uint64) + np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
+    mixed ^= mixed >> np.uint64(31)
+    return mixed < np.uint64(min(fraction * 2.0**64, 2.0**64 - 2**11))

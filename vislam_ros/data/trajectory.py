@@ -1,0 +1,136 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories and the TUM file: eight columns ``t x y z qx qy qz qw``, as evo reads them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core import se3
+from vislam_ros.errors import VislamError
+
+NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Stamped poses of the body in a world frame.
+
+    Attributes
+    ----------
+    stamps : ndarray of int64, (N,)
+        Nanoseconds, strictly increasing.
+    positions : ndarray, (N, 3)
+        Metres.
+    quaternions : ndarray, (N, 4)
+        x, y, z, w.
+    """
+
+    stamps: NDArray[np.int64]
+    positions: NDArray[np.float64]
+    quaternions: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def T_world_body(self) -> NDArray[np.float64]:
+        """Poses as homogeneous matrices, (N, 4, 4)."""
+        return se3.pose_matrix(self.positions, self.quaternions)
+
+    @classmethod
+    def from_matrices(
+        cls, stamps: NDArray[np.int64], T_world_body: NDArray[np.float64]
+    ) -> "Trajectory":
+        """Build a trajectory from stamps (N,) in nanoseconds and poses (N, 4, 4)."""
+        return cls(
+            np.asarray(stamps, dtype=np.int64),
+            np.array(T_world_body[:, :3, 3]),
+            se3.quaternion_from_rotation(T_world_body[:, :3, :3]),
+        )
+
+
+def stamp_text(stamp: int) -> str:
+    """Seconds with nine decimals, exactly, of a stamp in nanoseconds that is not negative."""
+    return f"{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d}"
+
+
+def stamp_from_text(text: str) -> int:
+    """Nanoseconds of a decimal number of seconds, exactly to the ninth decimal."""
+    whole, _, fraction = text.partition(".")
+    if not (whole.isdigit() and (fraction.isdigit() or not fraction)):
+        return round(float(text) * NANOSECONDS)
+    return int(whole) * NANOSECONDS + int(fraction[:9].ljust(9, "0"))
+
+
+def tum_line(stamp: int, position: Sequence[float], quaternion: Sequence[float]) -> str:
+    """One line of a TUM file, without its end.
+
+    Numbers are written with the fewest digits that read back to the same float, so equal
+    trajectories are equal files.
+    """
+    numbers = " ".join(repr(float(value)) for value in (*position, *quaternion))
+    return f"{stamp_text(stamp)} {numbers}"
+
+
+def write_tum(path: Path, trajectory: Trajectory) -> None:
+    """Write a TUM file."""
+    lines = (
+        tum_line(int(stamp), position, quaternion)
+        for stamp, position, quaternion in zip(
+            trajectory.stamps, trajectory.positions, trajectory.quaternions, strict=True
+        )
+    )
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="ascii")
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Read a TUM file; empty lines and lines that begin with # are passed over.
+
+    Raises
+    ------
+    VislamError
+        Where the file is missing, is empty, has a line without eight finite numbers, or its
+        stamps do not increase.
+    """
+    try:
+        text = path.read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        raise VislamError(f"{path}: cannot read this trajectory: {reason}") from error
+    return parse_tum(text, path)
+
+
+def parse_tum(text: str, path: Path) -> Trajectory:
+    """Trajectory of a TUM file's text; ``path`` is what errors name (see :func:`read_tum`)."""
+    stamps: list[int] = []
+    rows: list[list[float]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        fields = line.split()
+        try:
+            if len(fields) != 8:
+                raise ValueError
+            stamp, row = stamp_from_text(fields[0]), [float(field) for field in fields[1:]]
+            if not np.all(np.isfinite(row)) or not any(row[3:]):
+                raise ValueError
+        except (ValueError, OverflowError):
+            raise VislamError(
+                f"{path}: line {number} is {line!r}: a TUM line holds eight finite numbers, "
+                "t x y z qx qy qz qw"
+            ) from None
+        if stamps and stamp <= stamps[-1]:
+            raise VislamError(
+                f"{path}: line {number} has stamp {fields[0]}, not later than the line before: "
+                "sort the file by time"
+            )
+        stamps.append(stamp)
+        rows.append(row)
+    if not rows:
+        raise VislamError(f"{path}: holds no pose: a TUM file has lines t x y z qx qy qz qw")
+    values = np.array(rows)
+    return Trajectory(np.array(stamps, dtype=np.int64), values[:, :3], values[:, 3:])
