@@ -368,7 +368,7 @@ def _chosen(ids: NDArray[np.uint32], fraction: float, seed: int) -> NDArray[np.b
     """Choose a share of the tracks, each by its id and the seed alone (SplitMix64's mixing)."""
     if fraction >= 1.0:
         return np.ones(len(ids), dtype=bool)
-    mixed = ids.astype(np.uint64) + np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
+    mixed = ids.astype(np.uint64) + np.uint64(seed * 0x9E3779B97F4A7C15 % 2**64)
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
         mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
     mixed ^= mixed >> np.uint64(31)

@@ -1,0 +1,290 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numerics import CAMERA
+from numpy.testing import assert_allclose
+from scenes import passing_scene
+
+from vislam_ros.core import se3
+from vislam_ros.core.settings import ESTIMATORS, SlamSettings
+from vislam_ros.core.slam import Slam
+from vislam_ros.errors import SettingsError
+
+STEP = 100_000_000
+SCENE = passing_scene(21, steps=12)
+
+
+def messages(offset=0):
+    """Predictions and features of a scene, as arguments of the session's methods."""
+    T, predictions, features = np.eye(4), [], []
+    for k, (increment, frame) in enumerate(zip(SCENE.increments, SCENE.frames, strict=True)):
+        T = T @ increment.T
+        stamp = offset + k * STEP
+        predictions.append((stamp, T[:3, 3].copy(), se3.quaternion_from_rotation(T[:3, :3])))
+        features.append((stamp, frame.keys.astype(np.uint32), frame.pixels.astype(np.float32)))
+    return predictions, features
+
+
+PREDICTIONS, FEATURES = messages()
+
+
+def session(**values):
+    slam = Slam(SlamSettings(**values))
+    slam.set_camera(CAMERA)
+    return slam
+
+
+def play(slam, predictions=PREDICTIONS, features=FEATURES):
+    steps = []
+    for prediction, frame in zip(predictions, features, strict=True):
+        steps += slam.add_prediction(*prediction)
+        steps += slam.add_features(*frame)
+    return steps
+
+
+def same(steps, others):
+    """Tell whether two lists of steps hold the same estimates, to the last bit."""
+    return len(steps) == len(others) and all(
+        a.stamp == b.stamp
+        and np.array_equal(a.position, b.position)
+        and np.array_equal(a.quaternion, b.quaternion)
+        and np.array_equal(a.covariance, b.covariance)
+        for a, b in zip(steps, others, strict=True)
+    )
+
+
+EXPECTED = play(session())
+
+
+def test_each_features_message_gives_one_step_with_its_stamp():
+    assert [step.stamp for step in EXPECTED] == [frame[0] for frame in FEATURES]
+    assert [step.first_of_pass for step in EXPECTED] == [True] + [False] * 11
+
+
+@pytest.mark.parametrize("estimator", [e for e in ESTIMATORS if e != "localization"])
+def test_every_estimator_runs(estimator):
+    steps = play(session(estimator=estimator))
+    assert len(steps) == len(FEATURES)
+    assert all(np.all(np.isfinite(step.position)) for step in steps)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.randoms(use_true_random=False))
+def test_the_order_of_arrival_between_the_streams_changes_nothing(random):
+    order = ["prediction"] * len(PREDICTIONS) + ["features"] * len(FEATURES)
+    random.shuffle(order)
+    predictions, features = iter(PREDICTIONS), iter(FEATURES)
+    slam, steps = session(), []
+    for kind in order:
+        if kind == "prediction":
+            steps += slam.add_prediction(*next(predictions))
+        else:
+            steps += slam.add_features(*next(features))
+    assert same(steps, EXPECTED)
+    assert slam.waiting == 0
+
+
+def test_features_wait_for_the_camera():
+    slam = Slam(SlamSettings())
+    assert play(slam) == []
+    assert same(slam.set_camera(CAMERA), EXPECTED)
+
+
+def test_a_lost_prediction_loses_no_step():
+    slam, steps = session(), []
+    for k, (prediction, frame) in enumerate(zip(PREDICTIONS, FEATURES, strict=True)):
+        if k != 5:
+            steps += slam.add_prediction(*prediction)
+        steps += slam.add_features(*frame)
+    assert [step.stamp for step in steps] == [step.stamp for step in EXPECTED]
+    assert_allclose(steps[-1].position, EXPECTED[-1].position, atol=0.05)
+    assert not slam.refused
+
+
+def test_the_map_to_odom_transform_carries_the_prediction_to_the_estimate():
+    for step, prediction in zip(EXPECTED, PREDICTIONS, strict=True):
+        T_map_body = step.T_map_odom @ se3.pose_matrix(prediction[1], prediction[2])
+        assert_allclose(T_map_body, se3.pose_matrix(step.position, step.quaternion), atol=1e-12)
+
+
+IDS = np.array([1, 2], dtype=np.uint32)
+PIXELS = np.array([[500, 100, 480, 100], [600, 120, 570, 120]], dtype=np.float32)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "ids", "pixels", "reason"),
+    [
+        (11 * STEP, IDS, PIXELS, "duplicate"),
+        (10 * STEP + 1, IDS, PIXELS, "late"),
+        (12 * STEP, IDS, PIXELS * np.nan, "non_finite"),
+        (12 * STEP, IDS, PIXELS[:1], "wrong_size"),
+        (12 * STEP, IDS[:1], PIXELS, "wrong_size"),
+        (12 * STEP, IDS, PIXELS[:, :3], "wrong_size"),
+        (12 * STEP, IDS * 0, PIXELS, "duplicate_ids"),
+    ],
+)
+def test_bad_features_are_refused_by_reason_and_change_nothing(stamp, ids, pixels, reason):
+    slam = session()
+    play(slam)
+    assert slam.add_features(stamp, ids, pixels) == []
+    assert slam.refused == {reason: 1}
+    plain = session()
+    play(plain)
+    last = (12 * STEP, IDS, PIXELS)
+    pose = (12 * STEP, *PREDICTIONS[-1][1:])
+    assert same(
+        slam.add_prediction(*pose) + slam.add_features(*last),
+        plain.add_prediction(*pose) + plain.add_features(*last),
+    )
+
+
+@pytest.mark.parametrize(
+    ("stamp", "position", "quaternion", "reason"),
+    [
+        (11 * STEP, [0, 0, 0], [0, 0, 0, 1], "prediction_duplicate"),
+        (10 * STEP + 1, [0, 0, 0], [0, 0, 0, 1], "prediction_late"),
+        (12 * STEP, [0, 0, np.nan], [0, 0, 0, 1], "prediction_non_finite"),
+        (12 * STEP, [0, 0], [0, 0, 0, 1], "prediction_wrong_size"),
+        (12 * STEP, [0, 0, 0], [0, 0, 0, 0], "prediction_not_a_rotation"),
+    ],
+)
+def test_a_bad_prediction_is_refused_by_reason(stamp, position, quaternion, reason):
+    slam = session()
+    play(slam)
+    assert slam.add_prediction(stamp, position, quaternion) == []
+    assert slam.refused == {reason: 1}
+
+
+def test_a_frame_before_the_first_prediction_is_refused():
+    slam = session()
+    slam.add_features(*FEATURES[0])
+    assert slam.add_prediction(*PREDICTIONS[1]) == []
+    assert slam.refused == {"no_prediction": 1}
+    assert len(slam.add_features(*FEATURES[1])) == 1
+
+
+def test_frames_beyond_the_queue_are_refused():
+    slam = session(max_pending=2)
+    for frame in FEATURES[:4]:
+        slam.add_features(*frame)
+    assert slam.refused == {"queue_full": 2}
+    assert slam.waiting == 2
+
+
+LATER = 1000 * STEP
+
+
+@pytest.mark.parametrize("first", ["prediction", "features"])
+def test_time_jumping_back_begins_anew_whichever_stream_jumps_first(first):
+    slam = session()
+    play(slam, *messages(LATER))
+    if first == "prediction":
+        steps = slam.add_prediction(*PREDICTIONS[0]) + slam.add_features(*FEATURES[0])
+    else:
+        steps = slam.add_features(*FEATURES[0]) + slam.add_prediction(*PREDICTIONS[0])
+    steps += play(slam, PREDICTIONS[1:], FEATURES[1:])
+    assert same(steps, EXPECTED)
+    assert steps[0].first_of_pass
+    assert slam.resets == 1
+    assert not slam.refused
+
+
+def test_frames_left_from_before_a_jump_are_refused_not_mixed_in():
+    slam = session()
+    predictions, features = messages(LATER)
+    play(slam, predictions[:-1], features[:-1])
+    slam.add_features(*features[-1])
+    assert same(play(slam), EXPECTED)
+    assert slam.refused == {"no_prediction": 1}
+
+
+def test_a_session_that_joins_after_the_predictions_jumped_still_pairs():
+    slam = session()
+    for prediction in messages(LATER)[0]:
+        slam.add_prediction(*prediction)
+    assert same(play(slam), EXPECTED)
+
+
+def test_the_map_of_a_pass_is_kept_when_the_next_begins():
+    slam = session()
+    play(slam, *messages(LATER))
+    whole = slam.landmarks()
+    play(slam)
+    assert_allclose(slam.previous_map.positions, whole.positions)
+
+
+def test_reset_begins_anew_and_keeps_the_camera():
+    slam = session()
+    play(slam)
+    slam.reset()
+    assert len(slam.landmarks()) == 0
+    assert same(play(slam), EXPECTED)
+    assert slam.resets == 1
+
+
+def test_landmarks_bear_the_ids_and_generations_of_their_tracks():
+    slam = session()
+    play(slam)
+    landmarks = slam.landmarks()
+    assert len(landmarks) == len(np.unique(landmarks.ids)) == EXPECTED[-1].landmarks
+    assert not landmarks.generations.any()
+    truth = SCENE.landmarks[landmarks.ids]
+    assert np.median(np.linalg.norm(landmarks.positions - truth, axis=1)) < 1.0
+
+
+def test_a_frozen_frame_begins_its_tracks_anew():
+    frozen = [*FEATURES[:6], (FEATURES[6][0], *FEATURES[5][1:]), *FEATURES[7:]]
+    slam = session()
+    steps = play(slam, PREDICTIONS, frozen)
+    assert [step.frozen for step in steps] == [False] * 6 + [True] + [False] * 5
+    assert steps[6].used == 0
+    begun_anew = slam.landmarks().ids[slam.landmarks().generations == 1]
+    assert set(FEATURES[5][1]) <= set(begun_anew)
+    off = session(track_continuity=False)
+    assert not any(step.frozen for step in play(off, PREDICTIONS, frozen))
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 0.7, 1.0])
+def test_a_share_of_the_tracks_is_chosen_by_id(fraction):
+    ids = np.arange(20000, dtype=np.uint32)
+    pixels = np.tile(np.array([[500, 100, 480, 100]], dtype=np.float32), (len(ids), 1))
+    slam = session(feature_fraction=fraction, estimator="dead_reckoning")
+    slam.add_prediction(*PREDICTIONS[0])
+    observed = slam.add_features(0, ids, pixels)[0].observed
+    assert observed / len(ids) == pytest.approx(fraction, abs=0.01)
+
+
+def test_the_seed_changes_the_choice():
+    def kept(seed):
+        slam = session(feature_fraction=0.5, seed=seed)
+        play(slam)
+        return set(slam.landmarks().ids.tolist())
+
+    assert kept(1) == kept(1)
+    assert kept(1) != kept(2)
+
+
+def test_localization_needs_a_map_and_uses_it():
+    with pytest.raises(SettingsError, match="needs a map"):
+        Slam(SlamSettings(estimator="localization"))
+    mapper = session()
+    play(mapper)
+    slam = Slam(SlamSettings(estimator="localization"), mapper.landmarks())
+    slam.set_camera(CAMERA)
+    steps = play(slam)
+    assert sum(step.used for step in steps) > 100
+    error = np.linalg.norm(steps[-1].position - SCENE.T_world_body[-1][:3, 3])
+    drift = np.linalg.norm(PREDICTIONS[-1][1] - SCENE.T_world_body[-1][:3, 3])
+    assert error < drift
+
+
+def test_a_step_is_plain_data():
+    assert dataclasses.is_dataclass(EXPECTED[0])
+    assert EXPECTED[3].observed == len(FEATURES[3][1])
+    assert EXPECTED[3].nis_dof == 3 * EXPECTED[3].used
+    assert EXPECTED[3].duration_ms > 0
