@@ -1,0 +1,88 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""From a dataset, and a reference where there is one, to a bag."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vislam_ros.data.bag_writer import check_bag_output, write_bag
+from vislam_ros.data.dataset import load_dataset
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.integrity import file_sha256
+from vislam_ros.data.sparse_features import Progress
+from vislam_ros.data.trajectory import Trajectory, read_tum
+from vislam_ros.errors import VislamError
+
+_LOADING_SHARE = 0.8
+
+
+def convert(
+    data: Path,
+    output: Path,
+    *,
+    imu_frame: str = "auto",
+    twist_index: str = "auto",
+    reference: Path | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Drive:
+    """Write a dataset as a bag directory and return what was written.
+
+    Parameters
+    ----------
+    data : Path
+        A ``.npz`` or ``.npy`` file.
+    output : Path
+        The bag directory to make.
+    imu_frame, twist_index : str
+        See :func:`vislam_ros.data.dataset.load_dataset`.
+    reference : Path, optional
+        A TUM file that becomes the ground truth, cut to the dataset's time.
+    force : bool
+        Replace a bag that exists.
+    progress : callable, optional
+        Called with the share done.
+
+    Raises
+    ------
+    VislamError
+        Where an input cannot be used or the output not be written.
+    """
+    check_bag_output(output, force=force)
+    report = progress or (lambda _share: None)
+    drive = load_dataset(
+        data,
+        imu_frame=imu_frame,
+        twist_index=twist_index,
+        progress=lambda share: report(_LOADING_SHARE * share),
+    )
+    settings: dict[str, object] = {"imu_frame": imu_frame, "twist_index": twist_index}
+    if reference is not None:
+        drive = replace(drive, ground_truth=_clipped(reference, drive))
+        settings["reference"] = {"name": reference.name, "sha256": file_sha256(reference)}
+    write_bag(
+        drive,
+        output,
+        source=data,
+        settings=settings,
+        force=force,
+        progress=lambda share: report(_LOADING_SHARE + (1.0 - _LOADING_SHARE) * share),
+    )
+    return drive
+
+
+def _clipped(reference: Path, drive: Drive) -> Trajectory:
+    """Poses of a TUM file in a drive's span of time."""
+    truth = read_tum(reference)
+    first, last = drive.feature_stamps[0], drive.feature_stamps[-1]
+    inside = (truth.stamps >= first) & (truth.stamps <= last)
+    if not inside.any():
+        raise VislamError(
+            f"{reference}: has no pose in the time of {drive.name}, {first} to {last} ns: it "
+            "belongs to another drive"
+        )
+    quaternions = truth.quaternions[inside]
+    quaternions = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return Trajectory(truth.stamps[inside], truth.positions[inside], quaternions)

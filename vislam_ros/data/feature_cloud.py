@@ -1,0 +1,114 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Stereo features in a PointCloud2, of whatever field order, read and laid out as arrays.
+
+Works on the message classes of rclpy and of rosbags alike: only attributes are used.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.errors import VislamError
+
+PIXEL_FIELDS = ("u_left", "v_left", "u_right", "v_right")
+
+FEATURE_DTYPE = np.dtype([("id", "<u4"), *((name, "<f4") for name in PIXEL_FIELDS)])
+"""A point of the features that this package writes: 20 bytes, little endian."""
+
+UINT32, FLOAT32 = 6, 7
+
+FEATURE_FIELDS = (
+    ("id", 0, UINT32),
+    *((name, 4 * (place + 1), FLOAT32) for place, name in enumerate(PIXEL_FIELDS)),
+)
+"""Name, offset and PointField datatype of each field of :data:`FEATURE_DTYPE`."""
+
+# PointField.INT8 = 1 to FLOAT64 = 8.
+_NUMPY_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", UINT32: "u4", FLOAT32: "f4", 8: "f8"}
+
+
+def pack_features(ids: NDArray[np.uint32], pixels: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Bytes (20 n,) of a features cloud.
+
+    Parameters
+    ----------
+    ids : ndarray of uint32, (n,)
+    pixels : ndarray of float32, (n, 4)
+        ``u_left, v_left, u_right, v_right``.
+    """
+    points = np.empty(len(ids), dtype=FEATURE_DTYPE)
+    points["id"] = ids
+    for column, name in enumerate(PIXEL_FIELDS):
+        points[name] = pixels[:, column]
+    return points.view(np.uint8)
+
+
+def unpack_features(cloud: Any) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
+    """Ids (n,) and pixels (n, 4) of a features cloud, in the order of its points.
+
+    Parameters
+    ----------
+    cloud : PointCloud2
+        Of any field order, offsets, byte order and further fields.
+
+    Raises
+    ------
+    VislamError
+        Where a field is missing or of a type that cannot hold it: no message of this source
+        will do.
+    ValueError
+        Where this one message contradicts itself, such as data of another length than it says.
+    """
+    width, height = int(cloud.width), int(cloud.height)
+    step, row_step = int(cloud.point_step), int(cloud.row_step)
+    dtype = _point_dtype(cloud.fields, step, ">" if cloud.is_bigendian else "<")
+    data = np.frombuffer(cloud.data, dtype=np.uint8)
+    if height == 1:
+        row_step = width * step  # some writers leave it zero
+    if row_step < width * step or len(data) != height * row_step:
+        raise ValueError("data has another length than height, width and steps say")
+    rows = data.reshape(height, row_step)[:, : width * step]
+    points = np.ascontiguousarray(rows).reshape(-1).view(dtype)
+    ids = points["id"].astype(np.int64)
+    if np.any((ids < 0) | (ids > np.iinfo(np.uint32).max)):
+        raise ValueError("an id does not fit into 32 bits without a sign")
+    pixels = np.stack([points[name] for name in PIXEL_FIELDS], axis=1)
+    return ids.astype(np.uint32), pixels.astype(np.float32)
+
+
+def _point_dtype(fields: Iterable[Any], point_step: int, byte_order: str) -> np.dtype[Any]:
+    """Structured type of one point, of the five needed fields only."""
+    present = {field.name: field for field in fields}
+    formats, offsets = [], []
+    for name in ("id", *PIXEL_FIELDS):
+        if name not in present:
+            raise VislamError(
+                f"PointCloud2 has no field {name!r}, only {', '.join(present) or 'none'}: "
+                "features need id, u_left, v_left, u_right, v_right"
+            )
+        field = present[name]
+        code = _NUMPY_TYPES.get(int(field.datatype), "?")
+        if code[0] not in ("iu" if name == "id" else "f") or int(field.count) > 1:
+            wanted = "a whole number (UINT32)" if name == "id" else "FLOAT32 or FLOAT64"
+            raise VislamError(
+                f"PointCloud2 field {name!r} has datatype {field.datatype} and count "
+                f"{field.count}: it must be one value of {wanted}"
+            )
+        formats.append(byte_order + code)
+        offsets.append(int(field.offset))
+    ends = [
+        offset + np.dtype(kind).itemsize for offset, kind in zip(offsets, formats, strict=True)
+    ]
+    if max(ends) > point_step:
+        raise ValueError("a field reaches beyond the point")
+    return np.dtype(
+        {
+            "names": ["id", *PIXEL_FIELDS],
+            "formats": formats,
+            "offsets": offsets,
+            "itemsize": point_step,
+        }
+    )

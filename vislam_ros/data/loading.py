@@ -1,0 +1,57 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A drive from whatever a command is given: a dataset or a bag."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from vislam_ros.data.bag_reader import is_bag, read_drive
+from vislam_ros.data.dataset import load_dataset
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.integrity import require_intact
+from vislam_ros.data.sparse_features import Progress
+from vislam_ros.errors import VislamError
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a path looks like a dataset: a ``.npz`` or ``.npy`` file."""
+    return path.is_file() and path.suffix in (".npz", ".npy")
+
+
+def load_drive(
+    path: Path,
+    *,
+    imu_frame: str = "auto",
+    twist_index: str = "auto",
+    topics: Mapping[str, str] | None = None,
+    progress: Progress | None = None,
+) -> Drive:
+    """Read a drive from a dataset or, after a look at its integrity, from a bag.
+
+    Parameters
+    ----------
+    path : Path
+    imu_frame, twist_index : str
+        For datasets, see :func:`vislam_ros.data.dataset.load_dataset`. A bag is already in this
+        package's convention.
+    topics : mapping of str to str, optional
+        For bags, see :func:`vislam_ros.data.bag_reader.read_drive`.
+    progress : callable, optional
+        For datasets, called with the share done.
+
+    Raises
+    ------
+    VislamError
+        Where the path is neither, is damaged or cannot be read.
+    """
+    if is_dataset(path):
+        return load_dataset(path, imu_frame=imu_frame, twist_index=twist_index, progress=progress)
+    if is_bag(path):
+        require_intact(path)
+        return read_drive(path, topics=topics)
+    if not path.exists():
+        raise VislamError(f"{path}: no such file or directory")
+    raise VislamError(
+        f"{path}: is neither a dataset (.npz, .npy) nor a bag (a directory with metadata.yaml, "
+        "or .mcap)"
+    )
