@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vislam_ros.data.parameter_file import (
-    merge_parameters,
+    Parameters,
     node_parameters,
     read_parameters,
     write_parameters,
@@ -116,7 +116,7 @@ def test_a_missing_or_binary_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_is_written_reads_back(tmp_path: Path) -> None:
-    parameters = {
+    parameters: Parameters = {
         "**": {"use_sim_time": False},
         "slam_node": {
             "process_variance": 1e-10,
@@ -148,10 +148,3 @@ def test_tuples_and_arrays_are_written_as_lists(tmp_path: Path) -> None:
         "ndarray": [0, 1, 2],
         "scalar": 0.25,
     }
-
-
-def test_later_overrides_win_and_nothing_is_changed_in_place() -> None:
-    base = {"a": {"x": 1, "y": 1}}
-    merged = merge_parameters(base, {"a": {"y": 2}, "b": {"z": 2}}, {"a": {"y": 3}})
-    assert merged == {"a": {"x": 1, "y": 3}, "b": {"z": 2}}
-    assert base == {"a": {"x": 1, "y": 1}}

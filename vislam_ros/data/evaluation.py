@@ -6,7 +6,6 @@ ATE and RPE follow Sturm et al., *A Benchmark for the Evaluation of RGB-D SLAM S
 and equal what the commands ``evo_ape tum -a`` and ``evo_rpe tum`` print for the same files.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from numpy.typing import NDArray
 from vislam_ros.core import se3
 from vislam_ros.data.result_reader import read_results
 from vislam_ros.data.trajectory import Trajectory, read_tum
-from vislam_ros.data.whole_file import refuse_existing, replace_file
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
@@ -273,9 +271,3 @@ def evaluate(directory: Path, reference: Path) -> dict[str, Any]:
     except VislamError as error:
         raise VislamError(f"{reference}: {error}") from error
     return evaluation
-
-
-def write_evaluation(path: Path, evaluation: dict[str, Any], *, force: bool = False) -> None:
-    """Write an evaluation as JSON, such as ``evaluation.json`` in the result directory."""
-    refuse_existing(path, force=force)
-    replace_file(path, (json.dumps(evaluation, indent=2) + "\n").encode("utf-8"))

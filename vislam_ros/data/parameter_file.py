@@ -141,15 +141,6 @@ def node_parameters(parameters: Parameters, node: str) -> dict[str, Any]:
     return result
 
 
-def merge_parameters(parameters: Parameters, *overrides: Parameters) -> Parameters:
-    """Return parameters with the values of each of ``overrides``, the last one winning."""
-    merged = {node: dict(values) for node, values in parameters.items()}
-    for override in overrides:
-        for node, values in override.items():
-            merged.setdefault(node, {}).update(values)
-    return merged
-
-
 def write_parameters(path: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
     """Write a file that ``--params-file`` and :func:`read_parameters` take."""
     content = {

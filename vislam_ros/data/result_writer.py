@@ -51,7 +51,6 @@ OWNED_FILES = (
     "params.yaml",
     "summary.json",
     "results.mcap",
-    "evaluation.json",
     "trajectory.png",
     "steps.png",
 )

@@ -5,7 +5,7 @@
 import json
 import time
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,7 @@ class RunSummary:
         ``time.monotonic()`` at the start of the whole command.
     drive, estimator : str or None
         Names of the drive and of the filter.
-    gyro_bias : sequence of float, (3,), or None
+    gyro_bias : iterable of float, (3,), or None
         Last estimate, rad/s.
     landmarks, tracks : int or None
         Map points, and the different ids among them.
@@ -80,7 +80,7 @@ class RunSummary:
     started: float = field(default_factory=time.monotonic)
     drive: str | None = None
     estimator: str | None = None
-    gyro_bias: Sequence[float] | None = None
+    gyro_bias: Iterable[float] | None = None
     landmarks: int | None = None
     tracks: int | None = None
     peak_rss_mb: float | None = None

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trajectories and the TUM file: eight columns ``t x y z qx qy qz qw``, as evo reads them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,7 +66,7 @@ def stamp_from_text(text: str) -> int:
     return int(whole) * NANOSECONDS + int(fraction[:9].ljust(9, "0"))
 
 
-def tum_line(stamp: int, position: Sequence[float], quaternion: Sequence[float]) -> str:
+def tum_line(stamp: int, position: Iterable[float], quaternion: Iterable[float]) -> str:
     """One line of a TUM file, without its end.
 
     Numbers are written with the fewest digits that read back to the same float, so equal

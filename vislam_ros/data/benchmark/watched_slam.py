@@ -1,0 +1,63 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A SLAM session that lets others watch what goes into its filter and how long it takes."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.estimator import Estimator, Outcome
+from vislam_ros.core.motion import Increment
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.slam import Slam
+from vislam_ros.core.tracks import TrackedFrame
+
+
+@dataclass(frozen=True)
+class FilterStep:
+    """One step of a filter.
+
+    Attributes
+    ----------
+    increment : Increment
+    frame : TrackedFrame
+    outcome : Outcome
+    seconds : float
+        Time in the filter alone.
+    """
+
+    increment: Increment
+    frame: TrackedFrame
+    outcome: Outcome
+    seconds: float
+
+
+class WatchedSlam(Slam):
+    """A session as any other.
+
+    Parameters
+    ----------
+    settings : SlamSettings
+    on_filter_step : callable
+        Hears of each step of the filter.
+    """
+
+    def __init__(self, settings: SlamSettings, on_filter_step: Callable[[FilterStep], None]):
+        super().__init__(settings)
+        self._on_filter_step = on_filter_step
+
+    def _new_estimator(self, camera: StereoCamera) -> Estimator:
+        estimator = super()._new_estimator(camera)
+        take_step = estimator.step
+
+        def step(increment: Increment, frame: TrackedFrame) -> Outcome:
+            begin = time.perf_counter()
+            outcome = take_step(increment, frame)
+            seconds = time.perf_counter() - begin
+            self._on_filter_step(FilterStep(increment, frame, outcome, seconds))
+            return outcome
+
+        # In place of a wrapper, so that the session sees the filter's own class.
+        setattr(estimator, "step", step)  # noqa: B010
+        return estimator
