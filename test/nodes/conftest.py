@@ -1,0 +1,159 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A context and a domain for each test, and a small drive as the messages of a bag."""
+
+import itertools
+import os
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+# Both are read when the first message or participant is made.
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import TransformStamped, TwistWithCovarianceStamped, Vector3
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, PointCloud2
+
+from vislam_ros.core import se3
+from vislam_ros.core.camera import StereoCamera
+from vislam_ros.nodes import conversions
+
+_counter = itertools.count()
+
+
+@pytest.fixture
+def domain_id() -> int:
+    """A domain that no test running at the same time has."""
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+    return 1 + (os.getpid() + 31 * worker + next(_counter)) % 100
+
+
+@pytest.fixture
+def context(domain_id: int) -> Iterator[Context]:
+    context = Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    yield context
+    rclpy.try_shutdown(context=context)
+
+
+@pytest.fixture
+def make_node(context: Context) -> Iterator[Callable[..., Any]]:
+    """Make a node of a class with some parameters; it goes with the test."""
+    nodes: list[Node] = []
+
+    def make(cls: type[Node], **parameters: Any) -> Node:
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        node = cls(context=context, parameter_overrides=overrides)
+        nodes.append(node)
+        return node
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+
+
+@pytest.fixture
+def capture(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], dict[str, list[Any]]]:
+    """Keep what a node publishes, by topic; it is published all the same."""
+
+    def start(node: Any) -> dict[str, list[Any]]:
+        published: dict[str, list[Any]] = defaultdict(list)
+        publish = node.monitor.publish
+
+        def keep(publisher: Any, message: Any) -> None:
+            published[publisher.topic_name].append(message)
+            publish(publisher, message)
+
+        monkeypatch.setattr(node.monitor, "publish", keep)
+        return published
+
+    return start
+
+
+@dataclass
+class SmallDrive:
+    """A straight drive through a cloud of points, as messages."""
+
+    camera: StereoCamera
+    left: CameraInfo
+    right: CameraInfo
+    extrinsics: TransformStamped
+    stamps: list[int]
+    twists: list[TwistWithCovarianceStamped]
+    predictions: list[Odometry]
+    features: list[PointCloud2]
+
+    def calibrate(self, node: Any) -> None:
+        """Give a SLAM node its camera."""
+        for part in ("left", "right", "extrinsics"):
+            node.on_calibration(part, getattr(self, part))
+
+
+@pytest.fixture
+def drive() -> SmallDrive:
+    rng = np.random.default_rng(5)
+    R_body_camera = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    T_body_camera = np.eye(4)
+    T_body_camera[:3, :3], T_body_camera[:3, 3] = R_body_camera, (1.0, 0.2, 0.1)
+    K = np.array([[500.0, 0, 320], [0, 500, 180], [0, 0, 1]])
+    camera = StereoCamera.from_matrices(K, 0.5, T_body_camera)
+    points = rng.uniform((6, -5, -2), (30, 5, 3), (40, 3))
+    twist = np.array([2.0, 0, 0, 0, 0, 0.02])
+    stamps = [1_317_000_000_000_000_123 + k * 100_000_000 for k in range(12)]
+    T_world_body = np.eye(4)
+    twists, predictions, features = [], [], []
+    for k, stamp in enumerate(stamps):
+        if k:
+            T_world_body = T_world_body @ se3.exp(0.1 * twist)
+        twists.append(twist_message(stamp, twist))
+        predictions.append(prediction_message(stamp, T_world_body))
+        T_camera_world = camera.T_camera_body @ se3.inverse(T_world_body)
+        y = camera.project(points @ T_camera_world[:3, :3].T + T_camera_world[:3, 3])
+        y += rng.normal(0, 0.5, y.shape)
+        pixels = y[:, [0, 2, 1, 2]].astype(np.float32)
+        ids = np.arange(len(points), dtype=np.uint32)
+        features.append(conversions.features_to_message(stamp, "camera_left_optical", ids, pixels))
+    left, right = camera_info(camera, 0.0), camera_info(camera, -camera.fx_baseline)
+    extrinsics = conversions.transform(
+        stamps[0],
+        "base_link",
+        "camera_left_optical",
+        camera.position_body_camera,
+        camera.quaternion_body_camera,
+    )
+    return SmallDrive(camera, left, right, extrinsics, stamps, twists, predictions, features)
+
+
+def twist_message(stamp: int, twist: Any) -> TwistWithCovarianceStamped:
+    message = TwistWithCovarianceStamped(header=conversions.header(stamp, "base_link"))
+    v, omega = map(float, twist[:3]), map(float, twist[3:])
+    message.twist.twist.linear = Vector3(**dict(zip("xyz", v, strict=True)))
+    message.twist.twist.angular = Vector3(**dict(zip("xyz", omega, strict=True)))
+    return message
+
+
+def prediction_message(stamp: int, T_odom_body: Any) -> Odometry:
+    return conversions.odometry(
+        stamp,
+        "odom",
+        "base_link",
+        T_odom_body[:3, 3],
+        se3.quaternion_from_rotation(T_odom_body[:3, :3]),
+        np.eye(6),
+    )
+
+
+def camera_info(camera: StereoCamera, offset: float) -> CameraInfo:
+    message = CameraInfo(header=conversions.header(0, "camera_left_optical"))
+    p = [camera.fx, 0.0, camera.cx, offset, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+    message.p = np.array(p)
+    return message

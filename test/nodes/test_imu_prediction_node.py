@@ -1,0 +1,159 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import copy
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import Imu
+
+from vislam_ros.core import se3
+from vislam_ros.core.dead_reckoning import DeadReckoning
+from vislam_ros.core.settings import PredictionSettings
+from vislam_ros.nodes import conversions, tf
+from vislam_ros.nodes.imu_prediction_node import ImuPredictionNode
+from vislam_ros.nodes.tf import TransformSender
+
+TOPIC = "/prediction/odometry"
+
+
+def imu_message(stamp, omega):
+    message = Imu(header=conversions.header(stamp, "base_link"))
+    v = message.angular_velocity
+    v.x, v.y, v.z = map(float, omega)
+    return message
+
+
+@pytest.fixture
+def node(make_node):
+    return make_node(ImuPredictionNode)
+
+
+def test_each_twist_gives_the_core_s_pose_bit_for_bit(node, capture, drive):
+    published = capture(node)
+    core = DeadReckoning(PredictionSettings())
+    for message in drive.twists:
+        node.on_twist(message)
+    assert len(published[TOPIC]) == len(drive.twists)
+    for message, odometry in zip(drive.twists, published[TOPIC], strict=True):
+        expected = core.add_twist(*conversions.twist_from_message(message))
+        stamp, position, quaternion = conversions.pose_from_odometry(odometry)
+        assert stamp == expected.stamp
+        assert position.tobytes() == expected.position.tobytes()
+        assert quaternion.tobytes() == expected.quaternion.tobytes()
+        assert odometry.header.frame_id == "odom"
+        assert odometry.child_frame_id == "base_link"
+
+
+def test_covariance_is_about_fixed_axes_and_the_twist_s_in_the_child_frame(node, capture, drive):
+    published = capture(node)
+    for message in drive.twists:
+        node.on_twist(message)
+    core = DeadReckoning(PredictionSettings())
+    for message in drive.twists:
+        expected = core.add_twist(*conversions.twist_from_message(message))
+    odometry = published[TOPIC][-1]
+    R = se3.rotation_from_quaternion(expected.quaternion)
+    blocks = np.kron(np.eye(2), R)
+    np.testing.assert_allclose(
+        np.reshape(odometry.pose.covariance, (6, 6)),
+        blocks @ expected.covariance @ blocks.T,
+        rtol=1e-12,
+        atol=1e-18,
+    )
+    np.testing.assert_array_equal(
+        np.reshape(odometry.twist.covariance, (6, 6)), expected.twist_covariance
+    )
+    assert odometry.twist.twist.linear.x == 2.0
+    assert odometry.twist.twist.angular.z == 0.02
+
+
+def test_refused_twists_are_counted_and_the_next_one_goes_on(node, capture, drive):
+    published = capture(node)
+    receive = node.monitor.guard("imu/twist", node.on_twist)
+    not_finite = copy.deepcopy(drive.twists[3])
+    not_finite.twist.twist.linear.y = float("nan")
+    elsewhere = copy.deepcopy(drive.twists[3])
+    elsewhere.header.frame_id = "camera"
+    for message in (
+        drive.twists[0],
+        drive.twists[2],
+        drive.twists[2],
+        drive.twists[1],
+        not_finite,
+        elsewhere,
+        drive.twists[3],
+    ):
+        receive(message)
+    assert len(published[TOPIC]) == 3
+    assert node.monitor.refused == {
+        "duplicate": 1,
+        "late": 1,
+        "non_finite": 1,
+        "unknown_frame": 1,
+    }
+
+
+def test_time_that_jumps_back_begins_at_the_identity(node, capture, drive):
+    published = capture(node)
+    for message in (*drive.twists, *drive.twists):
+        node.on_twist(message)
+    first, second = np.split(np.array(published[TOPIC]), 2)
+    assert list(first) == list(second)
+    assert node.monitor.refused.total() == 0
+
+
+def test_angular_velocity_of_the_imu_replaces_the_twist_s(make_node, capture, drive):
+    node = make_node(ImuPredictionNode, angular_velocity_source="imu")
+    published = capture(node)
+    omega = (0.0, 0.0, 0.5)
+    first, second, third = drive.twists[:3]
+    node.on_twist(first)
+    assert not published[TOPIC]
+    node.on_imu(imu_message(drive.stamps[0], omega))
+    node.on_imu(imu_message(drive.stamps[1], omega))
+    node.on_twist(second)
+    node.on_twist(third)
+    assert [o.twist.twist.angular.z for o in published[TOPIC]] == [0.5, 0.5]
+    assert [o.twist.twist.linear.x for o in published[TOPIC]] == [2.0, 2.0]
+
+
+def test_an_imu_message_without_angular_velocity_is_refused(make_node, drive):
+    node = make_node(ImuPredictionNode, angular_velocity_source="imu")
+    message = imu_message(drive.stamps[0], (0.0, 0.0, 0.0))
+    message.angular_velocity_covariance[0] = -1.0
+    node.monitor.guard("imu/data", node.on_imu)(message)
+    assert node.monitor.refused == {"absent_field": 1}
+
+
+def test_frames_are_parameters(make_node, capture, drive):
+    node = make_node(ImuPredictionNode, odom_frame="o", base_frame="b")
+    published = capture(node)
+    message = drive.twists[0]
+    message.header.frame_id = "b"
+    node.on_twist(message)
+    odometry = published[TOPIC][0]
+    assert (odometry.header.frame_id, odometry.child_frame_id) == ("o", "b")
+
+
+class FakeTFMessage:
+    """Stands for tf2_msgs, which is not installed everywhere."""
+
+    def __init__(self, transforms):
+        self.transforms = transforms
+
+
+def test_tf_says_the_same_as_the_odometry(node, drive, monkeypatch):
+    sent = []
+    monkeypatch.setattr(tf, "TFMessage", FakeTFMessage)
+    monkeypatch.setattr(node.monitor, "advertise", lambda *_: "/tf")
+    node._tf = TransformSender(node, node.monitor)
+    monkeypatch.setattr(node.monitor, "publish", lambda *sending: sent.append(sending))
+    for message in drive.twists[:3]:
+        node.on_twist(message)
+    (_, odometry), (publisher, message) = sent[-2:]
+    transform = message.transforms[0]
+    assert publisher == "/tf"
+    assert transform.header == odometry.header
+    assert transform.child_frame_id == "base_link"
+    assert transform.transform.translation.x == odometry.pose.pose.position.x
+    assert transform.transform.rotation == odometry.pose.pose.orientation

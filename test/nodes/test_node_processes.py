@@ -1,0 +1,246 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes as processes: how they start, how they end, and a whole run of all three."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+import threadpoolctl
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped, TwistWithCovarianceStamped
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, PointCloud2
+
+from vislam_ros.core.dead_reckoning import DeadReckoning
+from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.slam import Slam
+from vislam_ros.data.trajectory import tum_line
+from vislam_ros.nodes import conversions
+from vislam_ros.nodes.qos import LATCHED, STREAM
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+WAIT = 40.0
+
+
+class Processes:
+    """Starts nodes and ends each by its own pid."""
+
+    def __init__(self, domain_id: int):
+        self._environment = dict(os.environ, ROS_DOMAIN_ID=str(domain_id))
+        self._started: list[subprocess.Popen[str]] = []
+
+    def start(self, module: str, *arguments: str) -> "subprocess.Popen[str]":
+        process = subprocess.Popen(
+            [sys.executable, "-m", f"vislam_ros.nodes.{module}", *arguments],
+            cwd=REPOSITORY,
+            env=self._environment,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._started.append(process)
+        return process
+
+    def run_to_end(self, module: str, *arguments: str) -> "tuple[int, list[str]]":
+        process = self.start(module, *arguments)
+        _, errors = process.communicate(timeout=WAIT)
+        return process.returncode, errors.splitlines()
+
+    def end_all(self) -> None:
+        for process in self._started:
+            process.kill()
+            process.communicate(timeout=WAIT)
+
+
+@pytest.fixture
+def processes(domain_id):
+    processes = Processes(domain_id)
+    yield processes
+    processes.end_all()
+
+
+@pytest.fixture
+def probe(make_node):
+    class Probe(Node):
+        def __init__(self, **options):
+            super().__init__("probe", **options)
+
+    return make_node(Probe)
+
+
+def wait_until(condition, what):
+    deadline = time.monotonic() + WAIT
+    while not condition():
+        assert time.monotonic() < deadline, f"{what} did not happen"
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("-p", "velocity_noise_std:=-1.0"), ("velocity_noise_std", "-1.0")),
+        (("-p", "time_jump:=soon"), ("time_jump", "soon")),
+        (("--params-file", "/nowhere.yaml"), ("/nowhere.yaml",)),
+        (("--no-such-argument",), ("--no-such-argument",)),
+    ],
+)
+def test_a_node_that_cannot_start_says_why_in_one_line(processes, arguments, words):
+    code, lines = processes.run_to_end("imu_prediction_node", "--ros-args", *arguments)
+    assert code == 1
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("error: ")
+    for word in words:
+        assert word in lines[0]
+
+
+@pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 3])
+def test_signals_end_a_node_with_0_and_without_a_traceback(processes, probe, signals):
+    process = processes.start("imu_prediction_node", "--ros-args", "-p", "time_jumb:=2.0")
+    wait_until(lambda: probe.count_subscribers("imu/twist"), "the start of the node")
+    for number in signals:
+        with suppress(ProcessLookupError):
+            process.send_signal(number)
+    _, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 0, errors
+    assert "Traceback" not in errors
+    assert "time_jumb: no such parameter, it has no effect; did you mean time_jump?" in errors
+
+
+class Source(Node):
+    """Plays the small drive."""
+
+    def __init__(self, **options):
+        super().__init__("source", **options)
+        self.twists = self.create_publisher(TwistWithCovarianceStamped, "imu/twist", STREAM)
+        self.features = self.create_publisher(PointCloud2, "stereo/features", STREAM)
+        self.left = self.create_publisher(CameraInfo, "stereo/left/camera_info", LATCHED)
+        self.right = self.create_publisher(CameraInfo, "stereo/right/camera_info", LATCHED)
+        self.extrinsics = self.create_publisher(TransformStamped, "stereo/extrinsics", LATCHED)
+        self.status = self.create_publisher(DiagnosticArray, "player/status", LATCHED)
+        self.subscribers = {}
+        self.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, STREAM)
+
+    def on_diagnostics(self, message):
+        for status in message.status:
+            for entry in status.values:
+                if entry.key.startswith("subscribers "):
+                    self.subscribers[entry.key] = int(entry.value)
+
+    def graph_is_whole(self):
+        return (
+            self.twists.get_subscription_count() == 1
+            and self.features.get_subscription_count() == 1
+            and self.subscribers.get("subscribers prediction/odometry") == 2
+            and self.subscribers.get("subscribers slam/odometry") == 1
+            and self.subscribers.get("subscribers slam/steps") == 1
+        )
+
+    def play(self, drive):
+        for part in ("left", "right", "extrinsics"):
+            getattr(self, part).publish(getattr(drive, part))
+        for twist, features in zip(drive.twists, drive.features, strict=True):
+            self.twists.publish(twist)
+            self.features.publish(features)
+
+    def tell(self, state, sent):
+        values = {"state": state, "features_sent": sent}
+        self.status.publish(
+            conversions.status_array(
+                conversions.stamp_to_message(0), [conversions.status("player", values)]
+            )
+        )
+
+
+@threadpoolctl.threadpool_limits.wrap(limits=1)  # as slam_node: it decides the last digits
+def expected_trajectory(drive):
+    prediction, slam = DeadReckoning(PredictionSettings()), Slam(SlamSettings())
+    slam.set_camera(drive.camera)
+    steps = []
+    for twist, features in zip(drive.twists, drive.features, strict=True):
+        pose = prediction.add_twist(*conversions.twist_from_message(twist))
+        steps += slam.add_prediction(pose.stamp, pose.position, pose.quaternion)
+        steps += slam.add_features(*conversions.features_from_message(features))
+    return "".join(f"{tum_line(s.stamp, s.position, s.quaternion)}\n" for s in steps)
+
+
+@pytest.fixture
+def graph(processes, make_node, context, tmp_path):
+    """The three nodes, discovered, and a source that plays to them."""
+    directory = tmp_path / "run"
+    source = make_node(Source)
+    nodes = {
+        "imu_prediction_node": processes.start("imu_prediction_node"),
+        "slam_node": processes.start("slam_node"),
+        "recorder_node": processes.start(
+            "recorder_node", "--ros-args", "-p", f"directory:={directory}"
+        ),
+    }
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(source)
+
+    def spin_until(condition, what):
+        def spin_and_ask():
+            executor.spin_once(timeout_sec=0.05)
+            return condition()
+
+        wait_until(spin_and_ask, what)
+
+    spin_until(source.graph_is_whole, "the discovery of the graph")
+    yield source, nodes, directory, spin_until
+    executor.shutdown()
+
+
+def test_a_run_of_the_whole_graph_gives_the_offline_trajectory(graph, drive):
+    source, nodes, directory, spin_until = graph
+    source.play(drive)
+    source.tell("finished", len(drive.features))
+    summary = directory / "summary.json"
+    spin_until(
+        lambda: summary.is_file() and json.loads(summary.read_text())["complete"],
+        "the end of the run",
+    )
+    for process in nodes.values():
+        process.send_signal(signal.SIGINT)
+    for name, process in nodes.items():
+        _, errors = process.communicate(timeout=WAIT)
+        assert process.returncode == 0, f"{name}: {errors}"
+        assert "Traceback" not in errors
+    assert (directory / "trajectory.tum").read_text() == expected_trajectory(drive)
+    parameters = (directory / "params.yaml").read_text()
+    for name in nodes:
+        assert f"{name}:" in parameters
+    assert json.loads(summary.read_text())["estimator"] == SlamSettings().estimator
+
+
+def test_a_killed_recorder_leaves_all_but_the_last_second(graph, drive):
+    source, nodes, directory, spin_until = graph
+    source.play(drive)
+    spin_until(
+        lambda: (
+            count_messages(directory / "results.mcap", "/slam/odometry") == len(drive.features)
+        ),
+        "the writing of all messages while the recorder runs",
+    )
+    nodes["recorder_node"].kill()
+    nodes["recorder_node"].communicate(timeout=WAIT)
+    assert (directory / "trajectory.tum").read_text() == expected_trajectory(drive)
+    assert json.loads((directory / "summary.json").read_text())["complete"] is False
+    assert count_messages(directory / "results.mcap", "/slam/odometry") == len(drive.features)
+
+
+def count_messages(path, topic):
+    count = 0
+    if path.is_file():
+        with path.open("rb") as file, suppress(EndOfFile):
+            for _, channel, _ in NonSeekingReader(file).iter_messages(log_time_order=False):
+                count += channel.topic == topic
+    return count

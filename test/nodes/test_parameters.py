@@ -1,0 +1,86 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import dataclasses
+
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.errors import SettingsError
+from vislam_ros.nodes.parameters import declare_settings, undeclared_overrides
+from vislam_ros.nodes.settings import SlamOutputSettings
+
+
+@pytest.fixture
+def node_with(make_node):
+    def make(**parameters):
+        class PlainNode(Node):
+            def __init__(self, **options):
+                super().__init__("plain", **options)
+
+        return make_node(PlainNode, **parameters)
+
+    return make
+
+
+def test_defaults_are_those_of_the_dataclass(node_with):
+    node = node_with()
+    assert declare_settings(node, SlamSettings) == SlamSettings()
+    for field in dataclasses.fields(SlamSettings):
+        assert node.describe_parameter(field.name).description.startswith(
+            field.metadata["description"]
+        )
+
+
+def test_overrides_reach_the_settings_and_whole_numbers_count_as_doubles(node_with):
+    node = node_with(velocity_noise_std=2, pixel_variance=[1, 2, 3, 4], track_continuity=False)
+    settings = declare_settings(node, SlamSettings)
+    assert settings.velocity_noise_std == 2.0
+    assert settings.pixel_variance == (1.0, 2.0, 3.0, 4.0)
+    assert settings.track_continuity is False
+    assert node.get_parameter("velocity_noise_std").value == 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("velocity_noise_std", -1.0),
+        ("velocity_noise_std", "fast"),
+        ("estimator", "magic"),
+        ("feature_fraction", 1.5),
+        ("retire_after", 1.5),
+        ("pixel_variance", [1.0]),
+    ],
+)
+def test_a_bad_value_is_refused_in_one_line_that_names_it(node_with, name, value):
+    node = node_with(**{name: value})
+    with pytest.raises(SettingsError) as error:
+        declare_settings(node, SlamSettings)
+    message = str(error.value)
+    assert name in message
+    assert "\n" not in message
+
+
+def test_what_cannot_change_at_run_time_is_read_only(node_with):
+    node = node_with()
+    declare_settings(node, PredictionSettings)
+    result = node.set_parameters([Parameter("time_jump", value=2.0)])[0]
+    assert not result.successful
+    assert node.get_parameter("time_jump").value == PredictionSettings().time_jump
+
+
+def test_what_may_change_at_run_time_is_checked_and_told(node_with):
+    node = node_with()
+    told = []
+    declare_settings(node, SlamOutputSettings, told.append)
+    assert node.set_parameters([Parameter("path_length", value=5)])[0].successful
+    assert not node.set_parameters([Parameter("path_length", value=-5)])[0].successful
+    assert not node.set_parameters([Parameter("landmarks_period", value=-1.0)])[0].successful
+    assert told == [SlamOutputSettings(path_length=5)]
+
+
+def test_names_that_are_not_declared_are_found_with_what_was_meant(node_with):
+    node = node_with(estimater="joint", unlike_any=1)
+    declare_settings(node, SlamSettings)
+    assert undeclared_overrides(node) == {"estimater": "estimator", "unlike_any": ""}

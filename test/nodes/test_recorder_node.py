@@ -1,0 +1,331 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder, told by its callbacks what the SLAM node's callbacks publish."""
+
+import json
+import shutil
+import time
+from collections import Counter
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
+from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
+
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.slam import Slam
+from vislam_ros.data.landmark_map import read_landmarks
+from vislam_ros.data.result_reader import read_results
+from vislam_ros.data.trajectory import read_tum, tum_line
+from vislam_ros.errors import VislamError
+from vislam_ros.nodes import conversions, recorder_node
+from vislam_ros.nodes.recorder_node import (
+    DIAGNOSTICS,
+    LANDMARKS,
+    ODOMETRY,
+    PLAYER,
+    PREDICTION,
+    STEPS,
+    RecorderNode,
+)
+from vislam_ros.nodes.recording import Raw
+from vislam_ros.nodes.slam_report import step_values
+
+
+@pytest.fixture
+def answers(drive):
+    """What the SLAM node answers to the small drive: steps, and the map at the end."""
+    core = Slam(SlamSettings())
+    core.set_camera(drive.camera)
+    steps = []
+    for prediction, features in zip(drive.predictions, drive.features, strict=True):
+        steps += core.add_prediction(*conversions.pose_from_odometry(prediction))
+        steps += core.add_features(*conversions.features_from_message(features))
+    return steps, core.landmarks()
+
+
+@pytest.fixture
+def recorder(make_node, tmp_path):
+    return make_node(RecorderNode, directory=str(tmp_path / "run"))
+
+
+def give(callback, topic, message):
+    callback(message, Raw(topic, serialize_message(message)))
+
+
+def give_step(recorder, step, first_of_pass=None):
+    odometry = conversions.odometry(
+        step.stamp, "map", "base_link", step.position, step.quaternion, step.covariance
+    )
+    values = step_values(step, latency_ms=1.5)
+    if first_of_pass is not None:
+        values["first_of_pass"] = first_of_pass
+    give(recorder.on_odometry, ODOMETRY, odometry)
+    give(
+        recorder.on_step,
+        STEPS,
+        conversions.status_array(odometry.header.stamp, [conversions.status("slam_step", values)]),
+    )
+
+
+def give_map(recorder, stamp, landmarks):
+    give(
+        recorder.on_landmarks,
+        LANDMARKS,
+        conversions.landmarks_to_message(stamp, "map", landmarks),
+    )
+
+
+def give_player(recorder, state, sent):
+    values = {"state": state, "features_sent": sent}
+    message = conversions.status_array(
+        conversions.stamp_to_message(0), [conversions.status("player", values)]
+    )
+    give(recorder.on_player, PLAYER, message)
+
+
+def give_drive(recorder, drive, answers):
+    for prediction, step in zip(drive.predictions, answers[0], strict=True):
+        give(recorder.on_prediction, PREDICTION, prediction)
+        give_step(recorder, step)
+
+
+def tick_until_finished(recorder):
+    deadline = time.monotonic() + 20
+    while not recorder.recording.finished and time.monotonic() < deadline:
+        recorder.on_tick()
+        time.sleep(0.01)
+    assert recorder.recording.finished
+
+
+@pytest.fixture
+def no_patience(monkeypatch):
+    """Nobody answers in these tests, so there is no use in waiting."""
+    monkeypatch.setattr(recorder_node, "GRACE_SECONDS", 0.05)
+    monkeypatch.setattr(recorder_node, "ANSWER_SECONDS", 0.05)
+
+
+def summary(directory):
+    return json.loads((directory / "summary.json").read_text())
+
+
+def test_trajectory_is_the_core_s_byte_for_byte(recorder, drive, answers, tmp_path):
+    give_drive(recorder, drive, answers)
+    lines = [f"{tum_line(s.stamp, s.position, s.quaternion)}\n" for s in answers[0]]
+    assert (tmp_path / "run" / "trajectory.tum").read_text() == "".join(lines)
+
+
+def test_a_whole_run_is_complete_and_can_be_read(recorder, drive, answers, tmp_path, no_patience):
+    steps, landmarks = answers
+    give_player(recorder, "playing", 0)
+    give_drive(recorder, drive, answers)
+    give_player(recorder, "finished", len(steps))
+    give_map(recorder, steps[-1].stamp, landmarks)
+    tick_until_finished(recorder)
+
+    results = read_results(tmp_path / "run")
+    assert results.summary["complete"] is True
+    assert results.summary["steps"] == len(steps)
+    assert results.summary["latency_ms_p50"] == 1.5
+    assert len(results.dead_reckoning) == len(drive.predictions)
+    np.testing.assert_array_equal(results.landmarks.ids, landmarks.ids)
+    np.testing.assert_array_equal(results.landmarks.generations, landmarks.generations)
+    np.testing.assert_allclose(
+        results.covariances, [s.covariance for s in steps], rtol=1e-9, atol=1e-15
+    )
+    np.testing.assert_array_equal(results.steps["used"], [s.used for s in steps])
+
+
+def test_messages_are_kept_as_they_came_in_a_file_that_other_tools_open(
+    recorder, drive, answers, tmp_path, no_patience
+):
+    steps, landmarks = answers
+    give_player(recorder, "playing", 0)
+    give_drive(recorder, drive, answers)
+    give_map(recorder, steps[-1].stamp, landmarks)
+    give_player(recorder, "finished", len(steps))
+    tick_until_finished(recorder)
+    with AnyReader([tmp_path / "run" / "results.mcap"]) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+        assert counts == {
+            "/slam/odometry": len(steps),
+            "/slam/steps": len(steps),
+            "/prediction/odometry": len(steps),
+            "/slam/landmarks": 1,
+            "/player/status": 2,
+        }
+        assert reader.start_time == steps[0].stamp
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            if connection.topic == "/slam/odometry":
+                position = message.pose.pose.position
+    assert (position.x, position.y, position.z) == tuple(steps[-1].position)
+
+
+def test_a_shortfall_is_named(recorder, drive, answers, tmp_path, no_patience):
+    steps, landmarks = answers
+    give_drive(recorder, drive, answers)
+    give_map(recorder, steps[-1].stamp, landmarks)
+    give_player(recorder, "finished", len(steps) + 3)
+    tick_until_finished(recorder)
+    told = summary(tmp_path / "run")
+    assert told["complete"] is False
+    assert told["incomplete_reason"] == (
+        f"{len(steps)} steps for {len(steps) + 3} features messages"
+    )
+
+
+@pytest.mark.parametrize(
+    ("state", "give_the_map", "reason"),
+    [
+        ("interrupted", True, "the player was interrupted"),
+        ("finished", False, "the landmark map did not arrive"),
+    ],
+)
+def test_a_run_that_is_not_whole_says_why(
+    recorder, drive, answers, tmp_path, no_patience, state, give_the_map, reason
+):
+    steps, landmarks = answers
+    give_drive(recorder, drive, answers)
+    if give_the_map:
+        give_map(recorder, steps[-1].stamp, landmarks)
+    give_player(recorder, state, len(steps))
+    tick_until_finished(recorder)
+    assert summary(tmp_path / "run")["incomplete_reason"] == reason
+
+
+def test_a_recorder_that_is_stopped_leaves_incomplete_but_readable_results(
+    recorder, drive, answers, tmp_path
+):
+    give_player(recorder, "playing", 3)
+    give_drive(recorder, drive, answers)
+    recorder.destroy_node()
+    told = summary(tmp_path / "run")
+    assert told["complete"] is False
+    assert "playing" in told["incomplete_reason"]
+    with AnyReader([tmp_path / "run" / "results.mcap"]) as reader:
+        assert reader.message_count == 3 * len(drive.stamps) + 1
+
+
+def test_nothing_of_the_last_flush_is_lost_to_a_kill(recorder, drive, answers, tmp_path):
+    """What is on disk after a flush is what a kill leaves."""
+    steps, landmarks = answers
+    give_drive(recorder, drive, answers)
+    give_map(recorder, steps[-1].stamp, landmarks)
+    recorder.flush()
+    killed = shutil.copytree(tmp_path / "run", tmp_path / "killed")
+
+    np.testing.assert_array_equal(read_tum(killed / "trajectory.tum").stamps, drive.stamps)
+    assert len(read_landmarks(killed / "landmarks.npz")) == len(landmarks)
+    assert summary(killed)["complete"] is False
+    seen = Counter()
+    with (killed / "results.mcap").open("rb") as file, suppress(EndOfFile):
+        reader = NonSeekingReader(file)
+        for schema, channel, _ in reader.iter_messages(log_time_order=False):
+            assert schema.data
+            seen[channel.topic] += 1
+    assert seen["/slam/odometry"] == seen["/slam/steps"] == len(steps)
+    assert seen["/slam/landmarks"] == 1
+
+
+def test_a_loop_goes_to_directories_of_its_own(recorder, drive, answers, tmp_path, no_patience):
+    steps, landmarks = answers
+    for _ in range(3):
+        # The prediction runs ahead of the filter, over the jump too.
+        for prediction in drive.predictions:
+            give(recorder.on_prediction, PREDICTION, prediction)
+    for _ in range(3):
+        for step in steps:
+            give_step(recorder, step)
+        give_map(recorder, steps[-1].stamp, landmarks)
+        recorder.on_tick()
+    give_player(recorder, "finished", 3 * len(steps))
+    tick_until_finished(recorder)
+
+    first = tmp_path / "run"
+    for directory in (first, first / "pass_002", first / "pass_003"):
+        results = read_results(directory)
+        assert results.summary["complete"] is True, results.summary["incomplete_reason"]
+        assert len(results.trajectory) == len(steps)
+        assert len(results.dead_reckoning) == len(steps)
+        assert len(results.landmarks.ids) == len(landmarks)
+        assert (directory / "results.mcap").is_file()
+
+
+def test_the_map_of_a_pass_may_come_after_the_next_one_has_begun(
+    recorder, drive, answers, tmp_path
+):
+    steps, landmarks = answers
+    give_drive(recorder, drive, answers)
+    for prediction in drive.predictions:
+        give(recorder.on_prediction, PREDICTION, prediction)
+    give_step(recorder, steps[0])
+    give_map(recorder, steps[-1].stamp, landmarks)
+    recorder.on_tick()
+    assert summary(tmp_path / "run")["complete"] is True
+    assert summary(tmp_path / "run" / "pass_002")["complete"] is False
+
+
+def test_a_reset_begins_a_new_directory(recorder, drive, answers, tmp_path):
+    steps, _ = answers
+    for k, step in enumerate(steps):
+        give_step(recorder, step, first_of_pass=k in (0, 5))
+    recorder.destroy_node()
+    assert len(read_tum(tmp_path / "run" / "trajectory.tum")) == 5
+    assert len(read_tum(tmp_path / "run" / "pass_002" / "trajectory.tum")) == len(steps) - 5
+    assert summary(tmp_path / "run")["incomplete_reason"] == "the estimate was reset"
+
+
+def test_what_the_nodes_report_goes_into_the_summary(recorder, drive, answers, tmp_path):
+    give_drive(recorder, drive, answers)
+    statuses = [
+        conversions.status(
+            "/slam_node", {"peak memory [MB]": 81.5, "resets": 2, "refused late": 4}
+        ),
+        conversions.status("/imu_prediction_node", {"refused non_finite": 1}),
+    ]
+    message = conversions.status_array(conversions.stamp_to_message(0), statuses)
+    give(recorder.on_diagnostics, DIAGNOSTICS, message)
+    recorder.recording.flush()
+    told = summary(tmp_path / "run")
+    assert told["peak_rss_mb"] == 81.5
+    assert told["resets"] == 2
+    assert told["refused"] == {"late": 4, "twist_non_finite": 1}
+
+
+def test_messages_that_make_no_sense_are_counted(recorder, drive, tmp_path):
+    recorder.monitor.guard("player/status", give)(
+        recorder.on_player,
+        PLAYER,
+        conversions.status_array(
+            conversions.stamp_to_message(0), [conversions.status("player", {"state": "x"})]
+        ),
+    )
+    assert recorder.monitor.refused == {"bad_fields": 1}
+
+
+def test_results_that_exist_are_refused_unless_forced(make_node, drive, answers, tmp_path):
+    first = make_node(RecorderNode, directory=str(tmp_path / "run"))
+    give_drive(first, drive, answers)
+    first.destroy_node()
+    with pytest.raises(VislamError, match="not empty"):
+        make_node(RecorderNode, directory=str(tmp_path / "run"))
+    second = make_node(RecorderNode, directory=str(tmp_path / "run"), force=True)
+    assert second.recording.last_stamp is None
+    assert not (tmp_path / "run" / "trajectory.tum").exists()
+
+
+def test_a_recorder_without_a_directory_does_not_start(make_node):
+    with pytest.raises(VislamError, match="directory"):
+        make_node(RecorderNode)
+
+
+def test_the_mcap_file_may_be_left_out(make_node, drive, answers, tmp_path):
+    recorder = make_node(RecorderNode, directory=str(tmp_path / "run"), record_mcap=False)
+    give_drive(recorder, drive, answers)
+    recorder.destroy_node()
+    assert not (tmp_path / "run" / "results.mcap").exists()
+    assert len(read_tum(tmp_path / "run" / "trajectory.tum")) == len(drive.stamps)

@@ -1,0 +1,278 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import copy
+
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+
+from vislam_ros.core import se3
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.slam import Slam
+from vislam_ros.data.landmark_map import write_landmarks
+from vislam_ros.errors import VislamError
+from vislam_ros.nodes import conversions
+from vislam_ros.nodes.slam_node import SlamNode
+
+ODOMETRY, STEPS, LANDMARKS = "/slam/odometry", "/slam/steps", "/slam/landmarks"
+
+
+@pytest.fixture
+def node(make_node):
+    return make_node(SlamNode)
+
+
+def offline(drive):
+    core = Slam(SlamSettings())
+    core.set_camera(drive.camera)
+    steps = []
+    for prediction, features in zip(drive.predictions, drive.features, strict=True):
+        steps += core.add_prediction(*conversions.pose_from_odometry(prediction))
+        steps += core.add_features(*conversions.features_from_message(features))
+    return steps
+
+
+def assert_same_poses(odometries, steps):
+    assert len(odometries) == len(steps)
+    for message, step in zip(odometries, steps, strict=True):
+        stamp, position, quaternion = conversions.pose_from_odometry(message)
+        assert stamp == step.stamp
+        assert position.tobytes() == step.position.tobytes()
+        assert quaternion.tobytes() == step.quaternion.tobytes()
+
+
+def predictions_first(drive, node):
+    drive.calibrate(node)
+    for prediction, features in zip(drive.predictions, drive.features, strict=True):
+        node.on_prediction(prediction)
+        node.on_features(features)
+
+
+def features_first(drive, node):
+    drive.calibrate(node)
+    for prediction, features in zip(drive.predictions, drive.features, strict=True):
+        node.on_features(features)
+        node.on_prediction(prediction)
+
+
+def camera_last(drive, node):
+    for features in drive.features:
+        node.on_features(features)
+    for prediction in drive.predictions:
+        node.on_prediction(prediction)
+    drive.calibrate(node)
+
+
+@pytest.mark.parametrize("send", [predictions_first, features_first, camera_last])
+def test_odometry_is_the_core_s_bit_for_bit_in_whatever_order_messages_come(
+    node, capture, drive, send
+):
+    published = capture(node)
+    send(drive, node)
+    assert_same_poses(published[ODOMETRY], offline(drive))
+    assert {message.header.frame_id for message in published[ODOMETRY]} == {"map"}
+    assert {message.child_frame_id for message in published[ODOMETRY]} == {"base_link"}
+    assert node.monitor.refused.total() == 0
+
+
+def test_each_step_is_told_with_the_stamp_of_its_features(node, capture, drive):
+    published = capture(node)
+    predictions_first(drive, node)
+    steps = offline(drive)
+    assert len(published[STEPS]) == len(steps)
+    for message, step in zip(published[STEPS], steps, strict=True):
+        values = conversions.status_values(message, "slam_step")
+        assert conversions.stamp_from_message(message.header.stamp) == step.stamp
+        assert int(values["stamp"]) == step.stamp
+        assert int(values["used"]) == step.used
+        assert float(values["nis"]) == step.nis
+        assert float(values["latency_ms"]) >= float(values["ms"])
+    assert conversions.status_values(published[STEPS][0], "slam_step")["first_of_pass"] == "true"
+
+
+def test_refused_features_are_counted_and_the_next_ones_go_on(node, capture, drive):
+    published = capture(node)
+    drive.calibrate(node)
+    for prediction in drive.predictions:
+        node.on_prediction(prediction)
+    receive = node.monitor.guard("stereo/features", node.on_features)
+
+    ids, pixels = conversions.features_from_message(drive.features[4])[1:]
+    not_finite = pixels.copy()
+    not_finite[3, 1] = np.nan
+    twice = np.zeros_like(ids)
+    cut = copy.deepcopy(drive.features[4])
+    cut.data = cut.data[:-3]
+    unnamed = copy.deepcopy(drive.features[4])
+    unnamed.fields = unnamed.fields[1:]
+    elsewhere = copy.deepcopy(drive.features[4])
+    elsewhere.header.frame_id = "base_link"
+    for message in (
+        drive.features[0],
+        drive.features[2],
+        drive.features[2],
+        drive.features[1],
+        conversions.features_to_message(drive.stamps[4], "camera_left_optical", ids, not_finite),
+        conversions.features_to_message(drive.stamps[4], "camera_left_optical", twice, pixels),
+        cut,
+        unnamed,
+        elsewhere,
+        drive.features[4],
+    ):
+        receive(message)
+    assert len(published[ODOMETRY]) == 3
+    assert node.monitor.refused == {
+        "duplicate": 1,
+        "late": 1,
+        "non_finite": 1,
+        "duplicate_ids": 1,
+        "wrong_size": 1,
+        "bad_fields": 1,
+        "unknown_frame": 1,
+    }
+
+
+def test_refused_predictions_are_counted(node, capture, drive):
+    published = capture(node)
+    drive.calibrate(node)
+    receive = node.monitor.guard("prediction/odometry", node.on_prediction)
+    not_finite = copy.deepcopy(drive.predictions[1])
+    not_finite.pose.pose.position.x = float("inf")
+    no_rotation = copy.deepcopy(drive.predictions[1])
+    no_rotation.pose.pose.orientation.w = 0.0
+    no_rotation.pose.pose.orientation.z = 0.0
+    elsewhere = copy.deepcopy(drive.predictions[1])
+    elsewhere.child_frame_id = "wheel"
+    for message in (drive.predictions[0], not_finite, no_rotation, elsewhere):
+        receive(message)
+    receive(drive.predictions[0])
+    node.on_features(drive.features[0])
+    assert len(published[ODOMETRY]) == 1
+    assert node.monitor.refused["unknown_frame"] == 1
+    assert node.monitor.refused["prediction_non_finite"] >= 1
+    assert node.monitor.refused["prediction_duplicate"] == 1
+    assert node.monitor.refused.total() == 4
+
+
+def test_a_lost_prediction_is_bridged_by_its_neighbours(node, capture, drive):
+    published = capture(node)
+    drive.calibrate(node)
+    for k, (prediction, features) in enumerate(
+        zip(drive.predictions, drive.features, strict=True)
+    ):
+        if k != 5:
+            node.on_prediction(prediction)
+        node.on_features(features)
+    assert len(published[ODOMETRY]) == len(drive.features)
+    for message, step in zip(published[ODOMETRY], offline(drive), strict=True):
+        _, position, _ = conversions.pose_from_odometry(message)
+        np.testing.assert_allclose(position, step.position, atol=1e-3)
+
+
+def test_time_that_jumps_back_begins_a_new_pass(node, capture, drive):
+    published = capture(node)
+    predictions_first(drive, node)
+    predictions_first(drive, node)
+    steps = offline(drive)
+    assert_same_poses(published[ODOMETRY], steps + steps)
+    assert node.core.resets == 1
+    # The map of the first pass went out when the second one began.
+    stamps = [conversions.stamp_from_message(m.header.stamp) for m in published[LANDMARKS]]
+    assert drive.stamps[-1] in stamps
+
+
+def test_the_reset_service_begins_anew_with_the_next_features(node, capture, drive):
+    published = capture(node)
+    drive.calibrate(node)
+    half = len(drive.stamps) // 2
+    for k in range(half):
+        node.on_prediction(drive.predictions[k])
+        node.on_features(drive.features[k])
+    node.reset()
+    for k in range(half, len(drive.stamps)):
+        node.on_prediction(drive.predictions[k])
+        node.on_features(drive.features[k])
+    assert len(published[ODOMETRY]) == len(drive.stamps)
+    _, position, quaternion = conversions.pose_from_odometry(published[ODOMETRY][half])
+    np.testing.assert_array_equal(position, 0.0)
+    np.testing.assert_array_equal(quaternion, [0, 0, 0, 1])
+
+
+def test_landmarks_go_out_on_request_with_the_stamp_of_the_last_step(node, capture, drive):
+    published = capture(node)
+    with pytest.raises(VislamError, match="no step"):
+        node.publish_landmarks()
+    predictions_first(drive, node)
+    node.publish_landmarks()
+    message = published[LANDMARKS][-1]
+    assert conversions.stamp_from_message(message.header.stamp) == drive.stamps[-1]
+    landmarks = conversions.landmarks_from_message(message)
+    expected = node.core.landmarks()
+    np.testing.assert_array_equal(landmarks.ids, expected.ids)
+    np.testing.assert_array_equal(landmarks.positions, expected.positions.astype(np.float32))
+
+
+def test_map_to_odom_carries_the_prediction_into_the_map(drive):
+    for prediction, step in zip(drive.predictions, offline(drive), strict=True):
+        T_odom_body = se3.pose_matrix(*conversions.pose_from_odometry(prediction)[1:])
+        T_map_body = se3.pose_matrix(step.position, step.quaternion)
+        np.testing.assert_allclose(step.T_map_odom @ T_odom_body, T_map_body, atol=1e-12)
+
+
+def test_what_is_published_may_change_at_run_time_but_not_the_filter(node):
+    assert node.set_parameters([Parameter("path_length", value=3)])[0].successful
+    assert node._path.maxlen == 3
+    assert not node.set_parameters([Parameter("chi2_gate", value=1.0)])[0].successful
+    assert not node.set_parameters([Parameter("map_frame", value="m")])[0].successful
+
+
+def test_a_camera_that_is_no_pair_is_refused_and_a_right_one_taken(node, capture, drive):
+    published = capture(node)
+    good = copy.deepcopy(drive.right)
+    drive.right.p[0] += 1.0
+    receive = node.monitor.guard("calibration", node.on_calibration)
+    for part in ("left", "right", "extrinsics"):
+        receive(part, getattr(drive, part))
+    node.on_prediction(drive.predictions[0])
+    node.on_features(drive.features[0])
+    assert node.monitor.refused == {"bad_camera_info": 1}
+    assert not published[ODOMETRY]
+    receive("right", good)
+    assert len(published[ODOMETRY]) == 1
+
+
+def test_localization_takes_its_map_from_a_file(make_node, capture, drive, tmp_path, node):
+    predictions_first(drive, node)
+    write_landmarks(tmp_path / "landmarks.npz", node.core.landmarks())
+    localizing = make_node(
+        SlamNode, estimator="localization", map_file=str(tmp_path / "landmarks.npz")
+    )
+    published = capture(localizing)
+    predictions_first(drive, localizing)
+    assert len(published[ODOMETRY]) == len(drive.stamps)
+
+
+def test_localization_without_a_readable_map_does_not_start(make_node, tmp_path):
+    with pytest.raises(VislamError, match="map_file"):
+        make_node(SlamNode, estimator="localization")
+    with pytest.raises(VislamError, match=r"none\.npz"):
+        make_node(SlamNode, estimator="localization", map_file=str(tmp_path / "none.npz"))
+
+
+def test_diagnostics_tell_what_is_missing_and_what_was_done(node, capture, drive):
+    published = capture(node)
+    node.monitor.report()
+    assert "waiting for calibration" in published["/diagnostics"][-1].status[0].message
+    predictions_first(drive, node)
+    node.monitor.guard("stereo/features", node.on_features)(drive.features[-1])
+    node.monitor.report()
+    message = published["/diagnostics"][-1]
+    values = conversions.status_values(message, "/slam_node")
+    assert message.status[0].level == b"\x01"
+    assert values["steps"] == str(len(drive.stamps))
+    assert values["refused duplicate"] == "1"
+    assert int(values["total landmarks"]) > 0
+    assert float(values["peak memory [MB]"]) > 0
+    assert 0 <= float(values["rejected [%]"]) <= 100
+    for key in ("stamp age [s]", "active landmarks", "NIS per degree of freedom"):
+        assert key in values

@@ -1,0 +1,427 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to arrays and back; the only module that knows how either is laid out.
+
+A pose covariance is, in the core, that of the error ``[rho; theta]`` on the right of the pose, in
+body axes. In an Odometry message it stands about the axes of ``header.frame_id``, position
+first: ``blkdiag(R, R) Sigma blkdiag(R, R)^T`` with ``R`` the pose's rotation. Numbers are copied,
+never normalised or rounded, so a pose that went through a message is the same to the last bit.
+"""
+
+import array
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import (
+    Point,
+    PoseStamped,
+    Quaternion,
+    TransformStamped,
+    TwistWithCovarianceStamped,
+    Vector3,
+)
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
+from numpy.typing import ArrayLike, NDArray
+from sensor_msgs.msg import CameraInfo, Imu, PointCloud2, PointField
+from std_msgs.msg import Header
+
+from vislam_ros.core import se3
+from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.data.feature_cloud import FEATURE_FIELDS, pack_features, unpack_features
+from vislam_ros.data.trajectory import NANOSECONDS
+from vislam_ros.errors import VislamError
+
+Array = NDArray[np.float64]
+
+_COVARIANCE_TERMS = ("cxx", "cxy", "cxz", "cyy", "cyz", "czz")
+_UPPER = np.triu_indices(3)
+
+LANDMARK_DTYPE = np.dtype(
+    [
+        *((name, "<f4") for name in "xyz"),
+        ("id", "<u4"),
+        *((name, "<f4") for name in _COVARIANCE_TERMS),
+    ]
+)
+"""A point of ``slam/landmarks``: metres, square metres, 40 bytes."""
+
+_FEATURE_POINT_FIELDS = [
+    PointField(name=name, offset=offset, datatype=datatype, count=1)
+    for name, offset, datatype in FEATURE_FIELDS
+]
+_LANDMARK_POINT_FIELDS = [
+    PointField(
+        name=name,
+        offset=4 * place,
+        datatype=PointField.UINT32 if name == "id" else PointField.FLOAT32,
+        count=1,
+    )
+    for place, name in enumerate(LANDMARK_DTYPE.names or ())
+]
+
+
+class MessageError(VislamError):
+    """A message that cannot be used.
+
+    Attributes
+    ----------
+    reason : str
+        One word, under which it is counted.
+    """
+
+    def __init__(self, reason: str, message: str):
+        super().__init__(message)
+        self.reason = reason
+
+
+def stamp_from_message(stamp: Time) -> int:
+    """Nanoseconds of a stamp."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def stamp_to_message(stamp: int) -> Time:
+    """Stamp of nanoseconds."""
+    seconds, nanoseconds = divmod(stamp, NANOSECONDS)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def header(stamp: int, frame: str) -> Header:
+    """Header of a stamp in nanoseconds and a frame."""
+    return Header(stamp=stamp_to_message(stamp), frame_id=frame)
+
+
+def check_frame(what: str, frame: str, expected: str) -> None:
+    """Refuse a message that speaks of another frame than the node's parameter says.
+
+    Raises
+    ------
+    MessageError
+        ``unknown_frame``.
+    """
+    if frame != expected:
+        raise MessageError(
+            "unknown_frame", f"{what} is {frame!r}, not {expected!r} as the parameter says"
+        )
+
+
+def covariance_to_ros(covariance: ArrayLike, R: ArrayLike) -> Array:
+    """Pose covariance (6, 6) about the axes of the fixed frame, of one in body axes.
+
+    ``blkdiag(R, R) Sigma blkdiag(R, R)^T`` with ``R`` (3, 3) from body to fixed frame.
+    """
+    R = np.asarray(R)
+    blocks = np.asarray(covariance).reshape(2, 3, 2, 3).swapaxes(1, 2)
+    return (R @ blocks @ R.T).swapaxes(1, 2).reshape(6, 6)
+
+
+def covariance_from_ros(covariance: ArrayLike, R: ArrayLike) -> Array:
+    """Inverse of :func:`covariance_to_ros`."""
+    return covariance_to_ros(covariance, np.asarray(R).T)
+
+
+def twist_from_message(message: TwistWithCovarianceStamped) -> tuple[int, Array]:
+    """Stamp (ns) and ``[v; omega]`` (6,), metres and radians a second."""
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    twist = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+    return stamp_from_message(message.header.stamp), twist
+
+
+def angular_velocity_from_imu(message: Imu) -> tuple[int, Array]:
+    """Stamp (ns) and angular velocity (3,), radians a second.
+
+    Raises
+    ------
+    MessageError
+        ``absent_field``, where the message says that it holds none.
+    """
+    if message.angular_velocity_covariance[0] == -1.0:
+        raise MessageError("absent_field", "imu/data holds no angular velocity")
+    omega = message.angular_velocity
+    return stamp_from_message(message.header.stamp), np.array([omega.x, omega.y, omega.z])
+
+
+def odometry(
+    stamp: int,
+    frame: str,
+    child_frame: str,
+    position: Sequence[float] | Array,
+    quaternion: Sequence[float] | Array,
+    covariance: Array,
+    twist: Array | None = None,
+    twist_covariance: Array | None = None,
+) -> Odometry:
+    """Odometry message of a pose.
+
+    Parameters
+    ----------
+    stamp : int
+        Nanoseconds.
+    frame, child_frame : str
+    position : (3,)
+        Metres.
+    quaternion : (4,)
+        x, y, z, w.
+    covariance : ndarray, (6, 6)
+        Of the error ``[rho; theta]`` on the right, in body axes.
+    twist : ndarray, (6,), optional
+        ``[v; omega]`` in body axes.
+    twist_covariance : ndarray, (6, 6), optional
+    """
+    message = Odometry(header=header(stamp, frame), child_frame_id=child_frame)
+    pose = message.pose.pose
+    pose.position = _point(position)
+    pose.orientation = _quaternion(quaternion)
+    R = se3.rotation_from_quaternion(quaternion)
+    message.pose.covariance = covariance_to_ros(covariance, R).ravel()
+    if twist is not None:
+        message.twist.twist.linear = _vector(twist[:3])
+        message.twist.twist.angular = _vector(twist[3:])
+    if twist_covariance is not None:
+        message.twist.covariance = np.ascontiguousarray(twist_covariance, dtype=float).ravel()
+    return message
+
+
+def pose_from_odometry(message: Odometry) -> tuple[int, Array, Array]:
+    """Stamp (ns), position (3,) in metres and quaternion (4,) x, y, z, w."""
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    stamp = stamp_from_message(message.header.stamp)
+    return stamp, np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+
+
+def covariance_from_odometry(message: Odometry) -> Array:
+    """Pose covariance (6, 6) of the error ``[rho; theta]`` on the right, in body axes."""
+    q = message.pose.pose.orientation
+    R = se3.rotation_from_quaternion((q.x, q.y, q.z, q.w))
+    return covariance_from_ros(np.reshape(message.pose.covariance, (6, 6)), R)
+
+
+def pose_stamped(
+    stamp: int, frame: str, position: Sequence[float] | Array, quaternion: Sequence[float] | Array
+) -> PoseStamped:
+    """PoseStamped of a position (3,) in metres and a quaternion (4,) x, y, z, w."""
+    message = PoseStamped(header=header(stamp, frame))
+    message.pose.position = _point(position)
+    message.pose.orientation = _quaternion(quaternion)
+    return message
+
+
+def path(stamp: int, frame: str, poses: Iterable[PoseStamped]) -> PathMessage:
+    """Path of poses."""
+    return PathMessage(header=header(stamp, frame), poses=list(poses))
+
+
+def transform(
+    stamp: int,
+    frame: str,
+    child_frame: str,
+    position: Sequence[float] | Array,
+    quaternion: Sequence[float] | Array,
+) -> TransformStamped:
+    """TransformStamped of a position (3,) in metres and a quaternion (4,) x, y, z, w."""
+    message = TransformStamped(header=header(stamp, frame), child_frame_id=child_frame)
+    message.transform.translation = _vector(position)
+    message.transform.rotation = _quaternion(quaternion)
+    return message
+
+
+def transform_of_odometry(message: Odometry) -> TransformStamped:
+    """Transform that says the same as the pose of an Odometry message."""
+    pose, result = message.pose.pose, TransformStamped(header=message.header)
+    result.child_frame_id = message.child_frame_id
+    result.transform.translation = Vector3(x=pose.position.x, y=pose.position.y, z=pose.position.z)
+    result.transform.rotation = pose.orientation
+    return result
+
+
+def features_to_message(
+    stamp: int, frame: str, ids: NDArray[np.uint32], pixels: NDArray[np.float32]
+) -> PointCloud2:
+    """Features cloud of ids (n,) and pixels (n, 4) ``u_left, v_left, u_right, v_right``."""
+    return _cloud(stamp, frame, _FEATURE_POINT_FIELDS, 20, pack_features(ids, pixels))
+
+
+def features_from_message(
+    message: PointCloud2,
+) -> tuple[int, NDArray[np.uint32], NDArray[np.float32]]:
+    """Stamp (ns), ids (n,) and pixels (n, 4) ``u_left, v_left, u_right, v_right``.
+
+    Raises
+    ------
+    MessageError
+        ``bad_fields`` where a field is missing or of a wrong type, ``wrong_size`` where the data
+        are longer or shorter than the message says.
+    """
+    try:
+        ids, pixels = unpack_features(message)
+    except VislamError as error:
+        raise MessageError("bad_fields", str(error)) from error
+    except ValueError as error:
+        raise MessageError("wrong_size", str(error)) from error
+    return stamp_from_message(message.header.stamp), ids, pixels
+
+
+def landmarks_to_message(stamp: int, frame: str, landmarks: LandmarkMap) -> PointCloud2:
+    """Cloud of a landmark map, a :data:`LANDMARK_DTYPE` each."""
+    points = np.empty(len(landmarks), dtype=LANDMARK_DTYPE)
+    points["id"] = landmarks.ids
+    for axis, name in enumerate("xyz"):
+        points[name] = landmarks.positions[:, axis]
+    for name, row, column in zip(_COVARIANCE_TERMS, *_UPPER, strict=True):
+        points[name] = landmarks.covariances[:, row, column]
+    return _cloud(
+        stamp, frame, _LANDMARK_POINT_FIELDS, LANDMARK_DTYPE.itemsize, points.view(np.uint8)
+    )
+
+
+def landmarks_from_message(message: PointCloud2) -> LandmarkMap:
+    """Landmark map of a cloud that :func:`landmarks_to_message` made.
+
+    The points of one id stand in the order in which the id came to mean them, which gives back
+    their generations.
+
+    Raises
+    ------
+    MessageError
+        ``wrong_size``.
+    """
+    if message.point_step != LANDMARK_DTYPE.itemsize or len(message.data) % message.point_step:
+        raise MessageError("wrong_size", f"slam/landmarks: {len(message.data)} bytes of data")
+    points = np.frombuffer(message.data, dtype=LANDMARK_DTYPE)
+    covariances = np.empty((len(points), 3, 3))
+    for name, row, column in zip(_COVARIANCE_TERMS, *_UPPER, strict=True):
+        covariances[:, row, column] = covariances[:, column, row] = points[name]
+    return LandmarkMap(
+        ids=points["id"].astype(np.uint32),
+        generations=_occurrences(points["id"]),
+        positions=np.stack([points[name] for name in "xyz"], axis=-1).astype(float),
+        covariances=covariances,
+    )
+
+
+def camera_from_messages(
+    left: CameraInfo, right: CameraInfo, extrinsics: TransformStamped
+) -> StereoCamera:
+    """Stereo camera of both projection matrices and the left camera's pose in the body.
+
+    Raises
+    ------
+    MessageError
+        ``bad_camera_info`` where the two are not a calibrated, rectified pair, or
+        ``bad_extrinsics`` where the transform is no rigid motion.
+    """
+    P_left, P_right = np.reshape(left.p, (3, 4)), np.reshape(right.p, (3, 4))
+    if not (np.all(np.isfinite(P_left)) and np.all(np.isfinite(P_right))):
+        raise MessageError("bad_camera_info", "a projection matrix P is not finite")
+    if not (P_left[0, 0] > 0 and P_left[1, 1] > 0):
+        raise MessageError(
+            "bad_camera_info", "the left P has no focal length: calibrate the camera"
+        )
+    if not np.array_equal(P_left[:, :3], P_right[:, :3]):
+        raise MessageError(
+            "bad_camera_info",
+            "the left and right P differ in more than the baseline: rectify the pair",
+        )
+    fx_baseline = -float(P_right[0, 3])
+    if fx_baseline <= 0:
+        raise MessageError(
+            "bad_camera_info",
+            f"the right P[0, 3] is {-fx_baseline}: it must be -fx times the baseline",
+        )
+    t, q = extrinsics.transform.translation, extrinsics.transform.rotation
+    position, quaternion = (t.x, t.y, t.z), (q.x, q.y, q.z, q.w)
+    length = math.sqrt(sum(value * value for value in quaternion))
+    if not (all(map(math.isfinite, position)) and abs(length - 1.0) < 1e-3):
+        raise MessageError(
+            "bad_extrinsics", f"translation {position}, rotation {quaternion}: no rigid motion"
+        )
+    return StereoCamera(
+        fx=float(P_left[0, 0]),
+        fy=float(P_left[1, 1]),
+        cx=float(P_left[0, 2]),
+        cy=float(P_left[1, 2]),
+        fx_baseline=fx_baseline,
+        position_body_camera=position,
+        quaternion_body_camera=quaternion,
+    )
+
+
+def status(name: str, values: Mapping[str, object]) -> DiagnosticStatus:
+    """Diagnostic status of values, written so that numbers read back to the same float."""
+    return DiagnosticStatus(
+        name=name,
+        values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
+    )
+
+
+def status_array(
+    stamp: Time, statuses: Sequence[DiagnosticStatus], frame: str = ""
+) -> DiagnosticArray:
+    """Diagnostic message of some statuses."""
+    return DiagnosticArray(header=Header(stamp=stamp, frame_id=frame), status=list(statuses))
+
+
+def status_values(message: DiagnosticArray, name: str) -> dict[str, str]:
+    """Values of the status with a name.
+
+    Raises
+    ------
+    MessageError
+        ``bad_fields`` where there is none.
+    """
+    for entry in message.status:
+        if entry.name == name:
+            return {value.key: value.value for value in entry.values}
+    raise MessageError("bad_fields", f"no status {name!r} in this message")
+
+
+def _text(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _point(values: Sequence[float] | Array) -> Point:
+    x, y, z = map(float, values)
+    return Point(x=x, y=y, z=z)
+
+
+def _vector(values: Sequence[float] | Array) -> Vector3:
+    x, y, z = map(float, values)
+    return Vector3(x=x, y=y, z=z)
+
+
+def _quaternion(values: Sequence[float] | Array) -> Quaternion:
+    x, y, z, w = map(float, values)
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def _cloud(
+    stamp: int, frame: str, fields: list[PointField], point_step: int, data: NDArray[np.uint8]
+) -> PointCloud2:
+    count = len(data) // point_step
+    return PointCloud2(
+        header=header(stamp, frame),
+        height=1,
+        width=count,
+        fields=fields,
+        is_bigendian=False,
+        point_step=point_step,
+        row_step=point_step * count,
+        # Any other type of sequence is copied element by element, a thousand times slower.
+        data=array.array("B", data.tobytes()),
+        is_dense=True,
+    )
+
+
+def _occurrences(ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """How often each id stood earlier in the array, (n,)."""
+    order = np.argsort(ids, kind="stable")
+    _, first, counts = np.unique(ids[order], return_index=True, return_counts=True)
+    result = np.empty(len(ids), dtype=np.uint32)
+    result[order] = np.arange(len(ids)) - np.repeat(first, counts)
+    return result

@@ -1,0 +1,138 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters declared from a settings dataclass, with meaning, range and one-line errors."""
+
+import dataclasses
+import difflib
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from vislam_ros.core.settings import settings_from_dict
+from vislam_ros.errors import SettingsError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+S = TypeVar("S", bound="DataclassInstance")
+
+
+def declare_settings(node: Node, cls: type[S], on_change: Callable[[S], None] | None = None) -> S:
+    """Declare a parameter for each field of a settings dataclass and return the values.
+
+    A whole number given for a double is taken as one, as it is in ``vislam solve``.
+
+    Parameters
+    ----------
+    node : Node
+    cls : type
+        Frozen dataclass whose fields were made with :func:`vislam_ros.core.settings.setting`.
+    on_change : callable, optional
+        Called with new settings after a parameter was set at run time. Without it the parameters
+        are read-only.
+
+    Raises
+    ------
+    SettingsError
+        Where an override has the wrong type or is out of range.
+    """
+    fields = dataclasses.fields(cls)
+    overrides = _overrides(node)
+    settings = settings_from_dict(
+        cls, {field.name: overrides[field.name] for field in fields if field.name in overrides}
+    )
+    for field in fields:
+        value = getattr(settings, field.name)
+        node.declare_parameter(
+            field.name,
+            list(value) if isinstance(value, tuple) else value,
+            _descriptor(field, read_only=on_change is None),
+            ignore_override=True,
+        )
+    if on_change is not None:
+        _follow_changes(node, cls, on_change)
+    return settings
+
+
+def setting_names(*classes: "type[DataclassInstance]") -> tuple[str, ...]:
+    """Names of the parameters that some settings dataclasses declare."""
+    return tuple(field.name for cls in classes for field in dataclasses.fields(cls))
+
+
+def undeclared_overrides(node: Node) -> dict[str, str]:
+    """Names given to a node that it does not declare, each with the nearest name it does."""
+    declared = list(node.get_parameters_by_prefix(""))
+    unknown = (name for name in _overrides(node) if not node.has_parameter(name))
+    return {
+        name: next(iter(difflib.get_close_matches(name, declared, n=1)), "") for name in unknown
+    }
+
+
+def warn_of_undeclared_overrides(node: Node) -> None:
+    """Log a line for each override that rclpy would pass over in silence."""
+    for name, nearest in undeclared_overrides(node).items():
+        hint = f"; did you mean {nearest}?" if nearest else ""
+        node.get_logger().warning(f"{name}: no such parameter, it has no effect{hint}")
+
+
+def _overrides(node: Node) -> dict[str, Any]:
+    # rclpy offers no public way to see what was given but never declared.
+    return {name: parameter.value for name, parameter in node._parameter_overrides.items()}
+
+
+def _descriptor(field: "dataclasses.Field[Any]", *, read_only: bool) -> ParameterDescriptor:
+    metadata = field.metadata
+    low, high = metadata["minimum"], metadata["maximum"]
+    choices = f" ({', '.join(metadata['choices'])})" if metadata["choices"] else ""
+    descriptor = ParameterDescriptor(
+        description=metadata["description"] + choices, read_only=read_only
+    )
+    if low is None and high is None:
+        return descriptor
+    if isinstance(field.default, int):
+        largest = 2**63 - 1
+        whole = IntegerRange(
+            from_value=-largest if low is None else int(low),
+            to_value=largest if high is None else int(high),
+        )
+        descriptor.integer_range = [whole]
+    else:
+        largest_float = sys.float_info.max
+        real = FloatingPointRange(
+            from_value=-largest_float if low is None else float(low),
+            to_value=largest_float if high is None else float(high),
+        )
+        descriptor.floating_point_range = [real]
+    return descriptor
+
+
+def _follow_changes(node: Node, cls: type[S], on_change: Callable[[S], None]) -> None:
+    names = {field.name for field in dataclasses.fields(cls)}
+
+    def current(changes: list[Parameter]) -> S:
+        values = {name: node.get_parameter(name).value for name in names}
+        values.update({change.name: change.value for change in changes if change.name in names})
+        return settings_from_dict(cls, values)
+
+    def check(changes: list[Parameter]) -> SetParametersResult:
+        try:
+            current(changes)
+        except SettingsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def apply(changes: list[Parameter]) -> None:
+        if any(change.name in names for change in changes):
+            on_change(current(changes))
+
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(apply)

@@ -1,0 +1,71 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the nodes themselves: frames, outputs, files. The filters' are in the core.
+
+Nothing here needs ROS, so the command line can read the same parameter files.
+"""
+
+from dataclasses import dataclass
+
+from vislam_ros.core.settings import setting
+
+
+@dataclass(frozen=True)
+class FrameSettings:
+    """Names of the frames both estimating nodes use."""
+
+    odom_frame: str = setting("odom", "Frame of the dead reckoning")
+    base_frame: str = setting("base_link", "Frame of the body (the IMU)")
+
+
+@dataclass(frozen=True)
+class PredictionNodeSettings(FrameSettings):
+    """Settings of imu_prediction_node beside those of the dead reckoning."""
+
+    angular_velocity_source: str = setting(
+        "twist",
+        "Where the angular velocity comes from: twist takes it from imu/twist, imu from the "
+        "imu/data message of the same stamp",
+        choices=("twist", "imu"),
+    )
+    publish_tf: bool = setting(
+        True, "Publish odom_frame -> base_frame on /tf, where tf2_msgs is installed"
+    )
+
+
+@dataclass(frozen=True)
+class SlamNodeSettings(FrameSettings):
+    """Settings of slam_node that hold from its start to its end."""
+
+    map_frame: str = setting("map", "Frame of the estimate")
+    camera_frame: str = setting("camera_left_optical", "Frame of the stereo features")
+    map_file: str = setting(
+        "", "landmarks.npz of an earlier run: the given map of estimator: localization"
+    )
+
+
+@dataclass(frozen=True)
+class SlamOutputSettings:
+    """What slam_node publishes beside its odometry; may change while it runs."""
+
+    publish_tf: bool = setting(
+        True, "Publish map_frame -> odom_frame on /tf, where tf2_msgs is installed"
+    )
+    path_length: int = setting(
+        1000, "Poses kept in slam/path; 0 turns the topic off", minimum=0, maximum=100_000
+    )
+    landmarks_period: float = setting(
+        1.0,
+        "Publish slam/landmarks and slam/path at most once in this much data time, and no "
+        "oftener by the clock; 0 publishes landmarks on request only [s]",
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """Settings of recorder_node."""
+
+    directory: str = setting("", "Result directory to write; must not exist unless force is set")
+    force: bool = setting(False, "Replace an existing result directory")
+    record_mcap: bool = setting(True, "Write results.mcap beside the other files")

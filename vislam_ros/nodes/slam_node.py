@@ -1,0 +1,234 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""SLAM as a node: predicted poses and stereo features in, poses and landmarks in the map out."""
+
+import functools
+import sys
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import threadpoolctl
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, PointCloud2
+
+from vislam_ros.core import se3
+from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.slam import Slam, SlamStep
+from vislam_ros.data import bag_layout
+from vislam_ros.data.landmark_map import read_landmarks
+from vislam_ros.errors import VislamError
+from vislam_ros.nodes import conversions
+from vislam_ros.nodes.diagnostics import Monitor
+from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
+from vislam_ros.nodes.qos import LATCHED
+from vislam_ros.nodes.settings import SlamNodeSettings, SlamOutputSettings
+from vislam_ros.nodes.slam_report import SlamReport, step_values
+from vislam_ros.nodes.spin import run
+from vislam_ros.nodes.tf import TransformSender
+
+
+class SlamNode(Node):
+    """Owns ``map_frame -> odom_frame``; one ``slam/odometry`` for each features message."""
+
+    def __init__(self, **options: Any):
+        super().__init__("slam_node", **options)
+        self._settings = declare_settings(self, SlamNodeSettings)
+        self._output = declare_settings(self, SlamOutputSettings, self._change_output)
+        slam_settings = declare_settings(self, SlamSettings)
+        warn_of_undeclared_overrides(self)
+        given_map = None
+        if slam_settings.estimator == "localization" and self._settings.map_file:
+            given_map = read_landmarks(Path(self._settings.map_file))
+        self.core = Slam(slam_settings, given_map)
+        self._calibration: dict[str, Any] = {}
+        self._camera: StereoCamera | None = None
+        self._received_at: dict[int, float] = {}
+        self._last_stamp: int | None = None
+        self._landmarks_published: tuple[int, float] | None = None  # data stamp, clock
+        self._path: deque[Any] = deque(maxlen=self._output.path_length)
+        self._report = SlamReport(self, self.core)
+        self.monitor = Monitor(self, self._describe)
+        self._tf = TransformSender(self, self.monitor)
+        self._odometry = self.monitor.advertise(Odometry, "slam/odometry")
+        self._steps = self.monitor.advertise(DiagnosticArray, "slam/steps")
+        self._landmarks = self.monitor.advertise(PointCloud2, "slam/landmarks", LATCHED)
+        self._paths = self.monitor.advertise(PathMessage, "slam/path")
+        self._subscribe()
+        self.monitor.serve("~/reset", self.reset)
+        self.monitor.serve("~/publish_landmarks", self.publish_landmarks)
+
+    def _subscribe(self) -> None:
+        subscribe = self.monitor.subscribe
+        for part, topic, message_type in (
+            ("left", bag_layout.LEFT_CAMERA, CameraInfo),
+            ("right", bag_layout.RIGHT_CAMERA, CameraInfo),
+            ("extrinsics", bag_layout.EXTRINSICS, TransformStamped),
+        ):
+            callback = functools.partial(self.on_calibration, part)
+            subscribe(message_type, topic.name, callback, qos_profile=LATCHED)
+        subscribe(Odometry, "prediction/odometry", self.on_prediction)
+        subscribe(PointCloud2, bag_layout.FEATURES.name, self.on_features)
+
+    def on_calibration(self, part: str, message: CameraInfo | TransformStamped) -> None:
+        """Take a part of the calibration: ``left``, ``right`` or ``extrinsics``."""
+        if part == "extrinsics":
+            conversions.check_frame(
+                "extrinsics header.frame_id", message.header.frame_id, self._settings.base_frame
+            )
+            conversions.check_frame(
+                "extrinsics child_frame_id", message.child_frame_id, self._settings.camera_frame
+            )
+        self._calibration[part] = message
+        if len(self._calibration) < 3:
+            return
+        camera = conversions.camera_from_messages(**self._calibration)
+        if camera != self._camera:
+            self._camera = camera
+            self._publish(self.core.set_camera(camera))
+
+    def on_prediction(self, message: Odometry) -> None:
+        """Take a predicted pose."""
+        conversions.check_frame(
+            "prediction header.frame_id", message.header.frame_id, self._settings.odom_frame
+        )
+        conversions.check_frame(
+            "prediction child_frame_id", message.child_frame_id, self._settings.base_frame
+        )
+        self._publish(self.core.add_prediction(*conversions.pose_from_odometry(message)))
+
+    def on_features(self, message: PointCloud2) -> None:
+        """Take the features of one stamp."""
+        received_at = time.monotonic()
+        conversions.check_frame(
+            "features header.frame_id", message.header.frame_id, self._settings.camera_frame
+        )
+        stamp, ids, pixels = conversions.features_from_message(message)
+        self._received_at.setdefault(stamp, received_at)
+        self._publish(self.core.add_features(stamp, ids, pixels))
+
+    def _publish(self, steps: list[SlamStep]) -> None:
+        """Publish what the core has answered."""
+        self.monitor.absorb("core", self.core.refused)
+        for step in steps:
+            if step.first_of_pass:
+                self._begin_pass()
+            self._publish_step(step)
+        if not self.core.waiting:
+            self._received_at.clear()
+
+    def _begin_pass(self) -> None:
+        """Publish the map that the last pass ended with; a recorder may want it."""
+        if self._last_stamp is not None and self.core.previous_map is not None:
+            self._publish_landmarks(self._last_stamp, self.core.previous_map)
+        self._landmarks_published = None
+        self._path.clear()
+
+    def _publish_step(self, step: SlamStep) -> None:
+        settings, output = self._settings, self._output
+        odometry = conversions.odometry(
+            step.stamp,
+            settings.map_frame,
+            settings.base_frame,
+            step.position,
+            step.quaternion,
+            step.covariance,
+        )
+        self.monitor.publish(self._odometry, odometry)
+        now = time.monotonic()
+        latency_ms = 1e3 * (now - self._received_at.pop(step.stamp, now))
+        self.monitor.publish(
+            self._steps,
+            conversions.status_array(
+                odometry.header.stamp,
+                [conversions.status("slam_step", step_values(step, latency_ms))],
+                settings.map_frame,
+            ),
+        )
+        if output.publish_tf and self._tf.works:
+            self._tf.send(
+                conversions.transform(
+                    step.stamp,
+                    settings.map_frame,
+                    settings.odom_frame,
+                    step.T_map_odom[:3, 3],
+                    se3.quaternion_from_rotation(step.T_map_odom[:3, :3]),
+                )
+            )
+        if output.path_length:
+            self._path.append((step.stamp, step.position, step.quaternion))
+        self._last_stamp = step.stamp
+        self._report.add(step)
+        if self._is_time_for_landmarks(step.stamp, now):
+            self._publish_landmarks(step.stamp, self.core.landmarks())
+            self._publish_path(step.stamp)
+
+    def _is_time_for_landmarks(self, stamp: int, now: float) -> bool:
+        """Tell whether the period has passed both in the data and by the clock."""
+        period = self._output.landmarks_period
+        if self._landmarks_published is None:
+            # The first map of a pass is a period away, like every later one.
+            self._landmarks_published = (stamp, now)
+        last_stamp, last_time = self._landmarks_published
+        return period > 0 and min((stamp - last_stamp) * 1e-9, now - last_time) >= period
+
+    def _publish_landmarks(self, stamp: int, landmarks: LandmarkMap) -> None:
+        message = conversions.landmarks_to_message(stamp, self._settings.map_frame, landmarks)
+        self.monitor.publish(self._landmarks, message)
+        self._landmarks_published = (stamp, time.monotonic())
+
+    def _publish_path(self, stamp: int) -> None:
+        if self._output.path_length and self._paths.get_subscription_count():
+            frame = self._settings.map_frame
+            poses = [conversions.pose_stamped(stamp, frame, p, q) for stamp, p, q in self._path]
+            self.monitor.publish(self._paths, conversions.path(stamp, frame, poses))
+
+    def reset(self) -> str:
+        """Begin the estimate anew with the next features."""
+        self.core.reset()
+        self._received_at.clear()
+        return "the estimate begins anew"
+
+    def publish_landmarks(self) -> str:
+        """Publish the map and the path as of the last step."""
+        if self._last_stamp is None:
+            raise VislamError("there was no step yet")
+        landmarks = self.core.landmarks()
+        self._publish_landmarks(self._last_stamp, landmarks)
+        self._publish_path(self._last_stamp)
+        self.monitor.report()
+        return f"{len(landmarks)} landmarks"
+
+    def _change_output(self, output: SlamOutputSettings) -> None:
+        self._output = output
+        self._path = deque(self._path, maxlen=output.path_length)
+
+    def _describe(self) -> tuple[str, dict[str, object]]:
+        missing = [
+            part for part in ("left", "right", "extrinsics") if part not in self._calibration
+        ]
+        if missing:
+            activity = f"waiting for calibration: {', '.join(missing)}"
+        elif self._last_stamp is None:
+            activity = "waiting for features and predictions"
+        else:
+            activity = "running"
+        return activity, self._report.values()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until a signal."""
+    # The matrices are small: a second thread costs more than it brings, and much at worst.
+    threadpoolctl.threadpool_limits(1)
+    return run(SlamNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What slam_node says of its steps: each on ``slam/steps``, all since the last on /diagnostics."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rclpy.node import Node
+
+from vislam_ros.core.slam import Slam, SlamStep
+from vislam_ros.data.result_writer import STEP_COLUMNS
+from vislam_ros.data.summary import StepStatistics, peak_rss_mb
+from vislam_ros.nodes.diagnostics import stamp_age
+
+
+def step_values(step: SlamStep, latency_ms: float) -> dict[str, object]:
+    """Values of a status on ``slam/steps``.
+
+    Parameters
+    ----------
+    step : SlamStep
+    latency_ms : float
+        From receiving the features to publishing their pose, milliseconds.
+    """
+    return {
+        "stamp": step.stamp,
+        "frozen": step.frozen,
+        "active": step.active,
+        "used": step.used,
+        "rejected": step.rejected,
+        "observed": step.observed,
+        "admitted": step.admitted,
+        "landmarks": step.landmarks,
+        "nis": step.nis,
+        "nis_dof": step.nis_dof,
+        "ms": step.duration_ms,
+        "tracks": step.tracks,
+        "first_of_pass": step.first_of_pass,
+        "latency_ms": latency_ms,
+    }
+
+
+def statistics_from_values(stamp: int, values: Mapping[str, str]) -> StepStatistics:
+    """Statistics of a step from the values of its status; ``stamp`` in nanoseconds.
+
+    Raises
+    ------
+    KeyError, ValueError
+        Where a value is missing or is no number.
+    """
+    numbers: dict[str, Any] = {
+        name: float(values[name]) if name in ("nis", "ms") else int(values[name])
+        for name in STEP_COLUMNS[2:]
+    }
+    return StepStatistics(stamp=stamp, frozen=values["frozen"] == "true", **numbers)
+
+
+class SlamReport:
+    """Gathers steps for /diagnostics."""
+
+    def __init__(self, node: Node, core: Slam):
+        self._node = node
+        self._core = core
+        self._total = 0
+        self._frozen = 0
+        self._recent: list[SlamStep] = []
+        self._last: SlamStep | None = None
+
+    def add(self, step: SlamStep) -> None:
+        """Note a step."""
+        self._total += 1
+        self._frozen += step.frozen
+        self._recent.append(step)
+        self._last = step
+
+    def values(self) -> dict[str, object]:
+        """Values since the last call and in all."""
+        recent, self._recent = self._recent, []
+        values: dict[str, object] = {
+            "steps": self._total,
+            "frozen steps": self._frozen,
+            "resets": self._core.resets,
+            "features waiting": self._core.waiting,
+        }
+        if self._last is not None:
+            values["stamp age [s]"] = stamp_age(self._node, self._last.stamp)
+            values["active landmarks"] = self._last.active
+            values["total landmarks"] = self._last.landmarks
+        if recent:
+            rejected = sum(step.rejected for step in recent)
+            gated = rejected + sum(step.used for step in recent)
+            dof = sum(step.nis_dof for step in recent)
+            durations = [step.duration_ms for step in recent]
+            values["rejected [%]"] = 100.0 * rejected / gated if gated else 0.0
+            values["NIS per degree of freedom"] = (
+                sum(step.nis for step in recent) / dof if dof else 0.0
+            )
+            values["step mean [ms]"] = sum(durations) / len(durations)
+            values["step max [ms]"] = max(durations)
+        values["peak memory [MB]"] = peak_rss_mb() or 0.0
+        return values
