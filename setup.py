@@ -61,6 +61,9 @@ setup(
             "pytest-xdist",
         ],
         "colcon": ["colcon-ros>=0.5"],
+        # Optional: a cluster for sweeps, and a peer to measure against.
+        "dask": ["distributed"],
+        "peers": ["gtsam>=4.2"],
         "lint": ["mypy", "ruff", "scipy-stubs", "types-PyYAML"],
     },
     entry_points={

@@ -1,0 +1,69 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+
+# The Python to make the virtual environment with; 3.10 or later.
+PYTHON ?= python3
+# More arguments for pytest: make test ARGS='-k stereo'
+ARGS ?=
+
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint colcon clean
+
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+# A ROS 2 installation is used where there is one; elsewhere its wheels come with pip.
+ROS_SETUP := $(wildcard /opt/ros/jazzy/setup.bash)
+ifdef ROS_SETUP
+ENTER := source $(ROS_SETUP) &&
+VENV_OPTIONS := --system-site-packages
+EXTRAS := test,lint,colcon
+else
+ENTER :=
+VENV_OPTIONS :=
+EXTRAS := ros,test,lint,colcon
+endif
+
+DRIVE := results/demo_drive.npz
+TRUTH := results/demo_drive.tum
+DEMO := results/demo
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: $(READY) ## simulate a drive, run it live through the nodes, judge it: results/demo
+	@mkdir -p results
+	@$(ENTER) $(BIN)/vislam simulate $(DRIVE) --seed 1 --force
+	@$(ENTER) $(BIN)/vislam run $(DRIVE) --rate 0 --out $(DEMO) --force
+	@$(ENTER) $(BIN)/vislam plot $(DEMO) --reference $(TRUTH) --force
+	@$(ENTER) $(BIN)/vislam evaluate $(DEMO) --reference $(TRUTH)
+	@echo 'See $(DEMO)/trajectory.png'
+
+test: $(READY) ## run all tests on two cores
+	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal $(ARGS)
+
+lint: $(READY) ## check format, style, types and package.xml
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(ENTER) $(BIN)/mypy
+	@$(BIN)/python -c 'from catkin_pkg.package import parse_package; found = []; \
+	  parse_package(".", warnings=found); assert not found, found'
+
+colcon: $(READY) ## build the package with colcon into install/
+	@$(ENTER) $(BIN)/colcon build --paths .
+
+clean: ## remove everything that was made, the virtual environment too
+	rm -rf $(VENV) build install log results *.egg-info
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find vislam_ros test tools -name __pycache__ -exec rm -rf {} +
+
+$(READY): setup.py
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+	  { echo 'error: Python 3.10 or later is needed: make PYTHON=/path/to/python3'; exit 1; }
+	@echo 'Setting up $(VENV) (once; about 800 MB)'
+	@$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
+	@$(ENTER) $(BIN)/pip install --disable-pip-version-check --use-pep517 -e '.[$(EXTRAS)]' \
+	  >$(VENV)/pip.log 2>&1 || { cat $(VENV)/pip.log; exit 1; }
+	@touch $@

@@ -1,0 +1,104 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Imports only point down, from cli to nodes to data to core; core knows neither ROS nor files."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "vislam_ros"
+LAYERS = ("core", "data", "nodes", "cli")
+ROS = {
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "nav_msgs",
+    "rcl_interfaces",
+    "rclpy",
+    "rosgraph_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+    "tf2_msgs",
+}
+FILES = {"glob", "io", "os", "pathlib", "shutil", "subprocess", "tempfile"}
+
+
+def sources(layer: str) -> list[Path]:
+    return sorted((PACKAGE / layer).rglob("*.py"))
+
+
+def imports(path: Path) -> set[str]:
+    """Full names of all modules that a file imports, also inside functions."""
+    names: set[str] = set()
+    package = ".".join(path.relative_to(PACKAGE.parent).parent.parts)
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.rsplit(".", node.level - 1)[0] + "." if node.level else ""
+            module = (above + (node.module or "")).rstrip(".")
+            names.update({module, *(f"{module}.{alias.name}" for alias in node.names)})
+    return names
+
+
+def loaded_by(modules: list[str]) -> set[str]:
+    """Top-level modules that a fresh Python holds after it has imported the given ones."""
+    program = (
+        "import importlib, json, sys\n"
+        f"for name in {modules!r}: importlib.import_module(name)\n"
+        "print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return set(json.loads(result.stdout))
+
+
+def module_names(layer: str) -> list[str]:
+    return [
+        ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+        for path in sources(layer)
+        if path.name not in ("__init__.py", "__main__.py")
+    ]
+
+
+@pytest.mark.parametrize(("position", "layer"), list(enumerate(LAYERS)))
+def test_a_layer_imports_only_itself_and_what_lies_below(position: int, layer: str) -> None:
+    assert sources(layer)
+    above = tuple(f"vislam_ros.{name}" for name in LAYERS[position + 1 :])
+    for path in sources(layer):
+        upward = {name for name in imports(path) if name.startswith(above)} if above else set()
+        assert not upward, path
+
+
+def test_the_core_imports_neither_ros_nor_anything_that_touches_files() -> None:
+    # "_typeshed" is there for type checkers alone.
+    allowed = (sys.stdlib_module_names - FILES) | {"_typeshed", "numpy", "scipy", "vislam_ros"}
+    for path in sources("core"):
+        assert {name.split(".")[0] for name in imports(path)} <= allowed, path
+        calls = [
+            node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)
+        ]
+        opened = [
+            call for call in calls if isinstance(call.func, ast.Name) and call.func.id == "open"
+        ]
+        assert not opened, path
+
+
+def test_data_imports_no_ros() -> None:
+    for path in sources("data"):
+        assert not {name.split(".")[0] for name in imports(path)} & ROS, path
+
+
+def test_core_and_data_run_without_loading_ros() -> None:
+    assert not loaded_by(module_names("core") + module_names("data")) & ROS
+
+
+def test_the_command_line_starts_without_loading_ros() -> None:
+    assert not loaded_by(["vislam_ros.cli.main"]) & ROS
