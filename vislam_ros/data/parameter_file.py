@@ -44,6 +44,11 @@ _Dumper.add_representer(
 )
 
 
+def parse_yaml(text: str) -> Any:
+    """Plain values of a YAML text, with the numbers of ROS; raises a YAMLError."""
+    return yaml.load(text, Loader=_Loader)  # _Loader is a safe one
+
+
 def read_parameters(path: Path) -> Parameters:
     """Read a parameter file.
 

@@ -1,0 +1,25 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A small drive as a dataset and as a bag, made by the commands themselves."""
+
+from pathlib import Path
+
+import pytest
+
+from vislam_ros.cli.main import main
+
+STEPS = 60
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("dataset") / "small.npz"
+    assert main(["simulate", str(path), "--steps", str(STEPS), "--landmarks", "250"]) == 0
+    return path
+
+
+@pytest.fixture(scope="session")
+def bag(tmp_path_factory: pytest.TempPathFactory, dataset: Path) -> Path:
+    path = tmp_path_factory.mktemp("bag") / "small_bag"
+    assert main(["convert", str(dataset), str(path)]) == 0
+    return path

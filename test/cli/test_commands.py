@@ -1,0 +1,235 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The commands that need no graph: what they write, print and refuse."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vislam_ros.cli.main import main
+from vislam_ros.data.result_reader import read_results
+from vislam_ros.data.trajectory import read_tum
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def solved(tmp_path_factory, dataset):
+    """Results of the small drive."""
+    path = tmp_path_factory.mktemp("solved") / "results"
+    assert main(["solve", str(dataset), "--out", str(path)]) == 0
+    return path
+
+
+def error_line(capsys, *argv):
+    """The one line that a command fails with."""
+    assert main([str(word) for word in argv]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("error: ")
+    return lines[0]
+
+
+def test_equal_seeds_simulate_equal_files(tmp_path):
+    paths = [tmp_path / "one.npz", tmp_path / "two.npz", tmp_path / "three.npz"]
+    for path, seed in zip(paths, ("4", "4", "5"), strict=True):
+        argv = ["simulate", path, "--steps", "20", "--landmarks", "60", "--seed", seed]
+        assert main([str(word) for word in argv]) == 0
+    one, two, three = (path.read_bytes() for path in paths)
+    assert one == two != three
+    assert len(read_tum(tmp_path / "one.tum")) == 20
+
+
+def test_the_bag_is_whole_and_a_flipped_bit_is_found(bag, tmp_path, capsys):
+    assert main(["verify", str(bag)]) == 0
+    damaged = tmp_path / "damaged"
+    shutil.copytree(bag, damaged)
+    storage = next(damaged.glob("*.mcap*"))
+    content = bytearray(storage.read_bytes())
+    content[len(content) // 2] ^= 1
+    storage.write_bytes(content)
+    capsys.readouterr()
+    assert storage.name in error_line(capsys, "verify", damaged)
+    assert "damaged" in error_line(capsys, "solve", damaged, "--out", tmp_path / "results")
+    assert "damaged" in error_line(capsys, "play", damaged)
+    assert "damaged" in error_line(capsys, "run", damaged, "--out", tmp_path / "results")
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_dataset_and_its_bag_are_solved_alike(solved, bag, tmp_path, capsys):
+    assert main(["solve", str(bag), "--out", str(tmp_path / "results")]) == 0
+    assert "complete" in capsys.readouterr().out
+    for name in ("trajectory.tum", "dead_reckoning.tum", "landmarks.ply", "params.yaml"):
+        assert (tmp_path / "results" / name).read_bytes() == (solved / name).read_bytes(), name
+
+
+def test_solved_results_are_whole_until_something_is_missing(solved, tmp_path, capsys):
+    assert main(["verify", str(solved)]) == 0
+    broken = tmp_path / "broken"
+    shutil.copytree(solved, broken)
+    lines = (broken / "trajectory.tum").read_text().splitlines(keepends=True)
+    (broken / "trajectory.tum").write_text("".join(lines[:-1]))
+    capsys.readouterr()
+    assert main(["verify", str(broken)]) == 1
+    assert "trajectory.tum holds 59 poses, summary.json says 60" in capsys.readouterr().err
+
+
+def test_an_interrupted_run_is_told_apart(solved, tmp_path, capsys):
+    broken = tmp_path / "broken"
+    shutil.copytree(solved, broken)
+    summary = json.loads((broken / "summary.json").read_text())
+    summary.update(complete=False, incomplete_reason="the power went")
+    (broken / "summary.json").write_text(json.dumps(summary))
+    assert "incomplete: the power went" in error_line(capsys, "verify", broken)
+
+
+def test_overrides_win_over_the_parameter_file(dataset, tmp_path):
+    params = tmp_path / "params.yaml"
+    params.write_text(
+        "/**: {ros__parameters: {use_sim_time: true, somebody_elses: 1}}\n"
+        "slam_node: {ros__parameters: {estimator: mapping, chi2_gate: 11.0, seed: 3}}\n"
+    )
+    out = tmp_path / "results"
+    argv = ["solve", dataset, "--out", out, "--params", params]
+    argv += ["--estimator", "dead_reckoning", "--fraction", "0.5"]
+    assert main([str(word) for word in argv]) == 0
+    used = read_results(out).parameters["slam_node"]
+    assert used["estimator"] == "dead_reckoning"
+    assert (used["chi2_gate"], used["seed"], used["feature_fraction"]) == (11.0, 3, 0.5)
+    assert read_results(out).summary["complete"] is True
+
+
+def test_localization_takes_the_map_of_another_run(solved, dataset, tmp_path, capsys):
+    out = tmp_path / "results"
+    argv = ["solve", dataset, "--out", out, "--estimator", "localization"]
+    assert "map" in error_line(capsys, *argv)
+    argv += ["--force", "--map", solved / "landmarks.npz"]
+    assert main([str(word) for word in argv]) == 0
+    assert json.loads((out / "summary.json").read_text())["estimator"] == "localization"
+
+
+def test_results_are_evaluated_as_a_table_and_as_json(solved, dataset, capsys):
+    reference = str(dataset.with_suffix(".tum"))
+    assert main(["evaluate", str(solved), "--reference", reference]) == 0
+    assert "ATE, aligned [m]" in capsys.readouterr().out
+    assert main(["evaluate", str(solved), "--reference", reference, "--json"]) == 0
+    errors = json.loads(capsys.readouterr().out)
+    assert errors["trajectory"]["poses"] == 60
+    assert errors["trajectory"]["ate_m"]["rmse"] < 5.0
+
+
+def test_pictures_are_drawn_and_not_replaced_unasked(solved, dataset, tmp_path, capsys):
+    reference = dataset.with_suffix(".tum")
+    argv = ["plot", solved, "--reference", reference, "--output", tmp_path / "pictures"]
+    assert main([str(word) for word in argv]) == 0
+    for picture in capsys.readouterr().out.split():
+        assert Path(picture).read_bytes().startswith(b"\x89PNG")
+    assert "exists already" in error_line(capsys, *argv)
+    assert main([str(word) for word in [*argv, "--force"]]) == 0
+
+
+def test_an_output_that_exists_is_refused_and_left_alone(solved, dataset, bag, capsys):
+    before = {path: path.read_bytes() for path in solved.iterdir() if path.is_file()}
+    for argv in (
+        ("simulate", dataset),
+        ("convert", dataset, bag),
+        ("solve", dataset, "--out", solved),
+        ("run", dataset, "--out", solved),
+    ):
+        line = error_line(capsys, *argv)
+        assert "--force" in line
+    assert {path: path.read_bytes() for path in solved.iterdir() if path.is_file()} == before
+
+
+def test_a_missing_input_spoils_no_results(solved, tmp_path, capsys):
+    copy = tmp_path / "results"
+    shutil.copytree(solved, copy)
+    for command in ("solve", "run"):
+        argv = (command, tmp_path / "none.npz", "--out", copy, "--force")
+        assert "none.npz" in error_line(capsys, *argv)
+    assert main(["verify", str(copy)]) == 0
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ("convert", "none.npz", "bag"),
+        ("play", "none"),
+        ("evaluate", "none", "--reference", "none.tum"),
+        ("plot", "none"),
+        ("verify", "none"),
+        ("solve", "none.npz", "--out", "r", "--params", "none.yaml"),
+    ],
+)
+def test_a_missing_file_is_one_line_that_names_it(argv, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert "none" in error_line(capsys, *argv)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ("chi2_gate: -1.0", ("slam_node", "chi2_gate", "-1.0")),
+        ("estimater: joint", ("slam_node", "estimater", "estimator")),
+        ("seed: often", ("slam_node", "seed", "often")),
+    ],
+)
+@pytest.mark.parametrize("command", ["solve", "run"])
+def test_a_bad_parameter_is_named_before_anything_is_done(
+    command, parameters, words, dataset, tmp_path, capsys
+):
+    params = tmp_path / "params.yaml"
+    params.write_text(f"slam_node: {{ros__parameters: {{{parameters}}}}}\n")
+    line = error_line(capsys, command, dataset, "--out", tmp_path / "r", "--params", params)
+    for word in words:
+        assert word in line
+    assert not (tmp_path / "r").exists()
+
+
+def test_verbose_shows_where_an_error_is_from(capsys):
+    assert main(["verify", "none", "-v"]) == 1
+    text = capsys.readouterr().err
+    assert text.startswith("Traceback")
+    assert text.splitlines()[-1].startswith("error: none: ")
+
+
+def test_ctrl_c_while_solving_keeps_what_there_is(dataset, tmp_path, monkeypatch, capsys):
+    from vislam_ros.core.slam import Slam
+
+    add_features, count = Slam.add_features, 0
+
+    def interrupted_add(self, *frame):
+        nonlocal count
+        count += 1
+        if count == 30:
+            raise KeyboardInterrupt
+        return add_features(self, *frame)
+
+    monkeypatch.setattr(Slam, "add_features", interrupted_add)
+    out = tmp_path / "results"
+    assert main(["solve", str(dataset), "--out", str(out)]) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "interrupted"
+    results = read_results(out)
+    assert len(results.trajectory) == 29
+    assert results.summary["complete"] is False
+
+
+@pytest.mark.parametrize(
+    ("tool", "command"), [("play_bag.py", "play"), ("convert_dataset.py", "convert")]
+)
+def test_tools_are_the_commands(tool, command):
+    result = subprocess.run(
+        [sys.executable, REPOSITORY / "tools" / tool, "--help"],
+        cwd=REPOSITORY.parent,
+        env={"PATH": "", "PYTHONPATH": str(REPOSITORY)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert result.stdout.startswith(f"usage: vislam {command}")

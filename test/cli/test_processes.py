@@ -1,0 +1,158 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Children end when they are told to, and never outlive their parent."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from vislam_ros.cli import processes
+from vislam_ros.cli.domain import own_domain
+from vislam_ros.cli.processes import Child, Children
+from vislam_ros.errors import VislamError
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+WAIT = 30.0
+
+POLITE = """\
+import time
+print("ready", flush=True)
+try:
+    time.sleep(1000)
+except KeyboardInterrupt:
+    print("good-bye", flush=True)
+"""
+DEAF = """\
+import signal, time
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, signal.SIG_IGN)
+print("ready", flush=True)
+time.sleep(1000)
+"""
+FAILING = """\
+import sys
+print("about to fail")
+sys.exit("error: the disk is full")
+"""
+PARENT = """\
+import os, sys, time
+from pathlib import Path
+from vislam_ros.cli.processes import Child
+child = Child("child", sys.argv[1], [], os.environ, Path(sys.argv[2]))
+print(child.pid, flush=True)
+time.sleep(1000)
+"""
+
+
+def wait_until(condition, what):
+    deadline = time.monotonic() + WAIT
+    while not condition():
+        assert time.monotonic() < deadline, f"{what} did not happen"
+        time.sleep(0.02)
+
+
+def is_alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Start a program as a child; it is gone after the test."""
+    started = []
+
+    def start(program, name="child"):
+        (tmp_path / f"{name}_module.py").write_text(program)
+        environment = {**os.environ, "PYTHONPATH": f"{REPOSITORY}:{tmp_path}"}
+        child = Child(name, f"{name}_module", [], environment, tmp_path)
+        started.append(child)
+        return child
+
+    yield start
+    for child in started:
+        if child.exit_code is None:
+            os.kill(child.pid, signal.SIGKILL)
+        child.wait(WAIT)
+
+
+def wait_until_ready(child):
+    wait_until(lambda: "ready" in child.log.read_text(), "the start")
+
+
+def test_a_child_ends_by_itself_when_it_is_asked_to(start):
+    child = start(POLITE)
+    wait_until_ready(child)
+    child.end()
+    assert child.exit_code == 0
+    assert child.last_line() == "good-bye"
+
+
+def test_a_child_that_does_not_listen_is_made_to_end(start, monkeypatch):
+    monkeypatch.setattr(
+        processes,
+        "_ENDING",
+        ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, WAIT)),
+    )
+    child = start(DEAF)
+    wait_until_ready(child)
+    child.end()
+    assert child.exit_code == -signal.SIGKILL
+
+
+def test_a_failed_child_is_named_with_its_last_words(start):
+    child = start(FAILING, name="fragile")
+    assert child.wait(WAIT)
+    error = child.died()
+    assert isinstance(error, VislamError)
+    assert str(error) == (
+        f"fragile ended early with exit code 1: error: the disk is full ({child.log})"
+    )
+
+
+def test_children_end_in_reverse_order(tmp_path):
+    (tmp_path / "polite_module.py").write_text(POLITE)
+    environment = {**os.environ, "PYTHONPATH": f"{REPOSITORY}:{tmp_path}"}
+    children = Children(environment, tmp_path)
+    assert not children.all_alive()
+    started = [children.start(name, "polite_module", []) for name in ("first", "second")]
+    for child in started:
+        wait_until_ready(child)
+    assert children.all_alive()
+    children.end()
+    assert [child.exit_code for child in started] == [0, 0]
+    first, second = (child.log.stat().st_mtime_ns for child in started)
+    assert second < first
+
+
+@pytest.mark.parametrize("program", [POLITE, DEAF])
+def test_a_killed_parent_leaves_no_child(tmp_path, program):
+    (tmp_path / "child_module.py").write_text(program)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, "child_module", str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": f"{REPOSITORY}:{tmp_path}"},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        pid = int(parent.stdout.readline())
+        wait_until(lambda: "ready" in (tmp_path / "child.log").read_text(), "the start")
+        assert is_alive(pid)
+    finally:
+        parent.kill()
+        parent.wait(WAIT)
+    wait_until(lambda: not is_alive(pid), "the end of the child")
+
+
+def test_domains_taken_at_the_same_time_differ():
+    with own_domain() as one, own_domain() as two:
+        assert one != two
+        assert {one, two} <= set(range(1, 102))
+    with own_domain() as again:
+        assert again == one

@@ -1,0 +1,30 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""``vislam convert``: a dataset to a bag."""
+
+import argparse
+
+from vislam_ros.cli.exit_codes import OK
+from vislam_ros.cli.reading import print_notes
+from vislam_ros.cli.screen import progress_bar
+from vislam_ros.data.conversion import convert
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command."""
+    with progress_bar("converting", 1.0) as update:
+        drive = convert(
+            arguments.data,
+            arguments.output,
+            imu_frame=arguments.imu_frame,
+            twist_index=arguments.twist_index,
+            reference=arguments.reference,
+            force=arguments.force,
+            progress=lambda share: update(share, ""),
+        )
+    print_notes(drive)
+    print(
+        f"{arguments.output}: {drive.steps} feature frames, {len(drive.ids)} observations of "
+        f"{drive.tracks} tracks, {len(drive.twist_stamps)} twists, {drive.duration:.1f} s"
+    )
+    return OK

@@ -1,0 +1,83 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What a user sees: progress bars on a terminal, and tables."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+_SUMMARY_ROWS = (
+    ("estimator", "estimator", "{}"),
+    ("steps", "steps", "{}"),
+    ("frozen_steps", "frozen steps", "{}"),
+    ("landmarks", "landmarks", "{}"),
+    ("tracks", "tracks", "{}"),
+    ("observations", "observations", "{}"),
+    ("rejected_fraction", "rejected", "{:.2%}"),
+    ("gyro_bias", "gyro bias [rad/s]", "{}"),
+    ("wall_s", "first to last step [s]", "{:.2f}"),
+    ("total_s", "whole command [s]", "{:.2f}"),
+    ("realtime_factor", "times real time", "{:.1f}"),
+    ("step_ms_p50", "step, median [ms]", "{:.2f}"),
+    ("step_ms_p99", "step, 99 % [ms]", "{:.2f}"),
+    ("latency_ms_p99", "latency, 99 % [ms]", "{:.2f}"),
+    ("peak_rss_mb", "peak memory [MB]", "{:.0f}"),
+    ("resets", "resets", "{}"),
+    ("refused", "refused messages", "{}"),
+    ("complete", "complete", "{}"),
+)
+
+
+@contextmanager
+def progress_bar(
+    description: str, total: float, detail: str = ""
+) -> Iterator[Callable[[float, str], None]]:
+    """Show a bar on a terminal, and nothing elsewhere; yields ``update(done, detail)``.
+
+    The bar is on standard error, so that standard output holds results only.
+    """
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[detail]}"),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as progress:
+        task = progress.add_task(description, total=total or None, detail=detail)
+        yield lambda done, detail: progress.update(task, completed=done, detail=detail)
+
+
+def print_table(title: str, rows: Mapping[str, str]) -> None:
+    """Print names and values."""
+    table = Table(title=Text(title), title_justify="left", show_header=False)
+    table.add_column()
+    table.add_column(justify="right")
+    for name, value in rows.items():
+        table.add_row(Text(name), Text(value))
+    Console().print(table)
+
+
+def print_summary(title: str, summary: Mapping[str, Any]) -> None:
+    """Print what ``summary.json`` says, without what is not known."""
+    rows = {}
+    for key, label, style in _SUMMARY_ROWS:
+        value = summary.get(key)
+        if value is None or value == {}:
+            continue
+        if key == "gyro_bias":
+            value = ", ".join(f"{component:+.5f}" for component in value)
+        elif key == "refused":
+            value = ", ".join(f"{count} {reason}" for reason, count in value.items())
+        elif isinstance(value, bool):
+            value = "yes" if value else "no"
+        rows[label] = style.format(value)
+    print_table(title, rows)

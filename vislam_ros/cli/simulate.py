@@ -1,0 +1,28 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""``vislam simulate``: a drive with exact ground truth."""
+
+import argparse
+import dataclasses
+
+from vislam_ros.cli.exit_codes import OK
+from vislam_ros.core.settings import settings_from_dict
+from vislam_ros.data.simulated_file import write_simulated
+from vislam_ros.data.simulation import SimulationSettings, simulate
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command."""
+    names = [field.name for field in dataclasses.fields(SimulationSettings)]
+    given = {name: getattr(arguments, name) for name in names}
+    settings = settings_from_dict(
+        SimulationSettings, {name: value for name, value in given.items() if value is not None}
+    )
+    simulated = simulate(settings)
+    truth = write_simulated(arguments.output, simulated, force=arguments.force)
+    drive = simulated.drive
+    print(
+        f"{arguments.output}: {drive.steps} steps, {drive.tracks} tracks, "
+        f"{int(simulated.frozen.sum())} frozen steps; truth in {truth}"
+    )
+    return OK

@@ -1,0 +1,81 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What a player is told and what it reports."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PlayOptions:
+    """How to play a bag.
+
+    Attributes
+    ----------
+    rate : float
+        Bag seconds in a second; 0 is as fast as the graph takes it.
+    start_offset, duration : float
+        Part of the bag to play, seconds from its beginning; infinite to its end.
+    passes : int
+        How often; 0 is until interrupted.
+    delay : float
+        Seconds to wait before the first message, once the subscribers are there.
+    start_paused : bool
+    topics : tuple of str
+        Topics to play; empty means all.
+    remap : tuple of str
+        ROS remapping rules ``from:=to``.
+    clock_rate : float
+        How often to publish /clock, Hz; 0 does not.
+    wait : float
+        Seconds to wait for the subscribers.
+    subscribers : int
+        How many subscribers the features and the twist each need.
+    whole_graph : bool
+        Wait until the three nodes hear each other, too.
+    window : int
+        At rate 0, how many feature frames may be ahead of ``slam/odometry``.
+    """
+
+    rate: float = 1.0
+    start_offset: float = 0.0
+    duration: float = math.inf
+    passes: int = 1
+    delay: float = 0.0
+    start_paused: bool = False
+    topics: tuple[str, ...] = ()
+    remap: tuple[str, ...] = ()
+    clock_rate: float = 0.0
+    wait: float = 10.0
+    subscribers: int = 1
+    whole_graph: bool = False
+    window: int = 32
+
+
+@dataclass
+class PlayReport:
+    """What a player did, filled while it plays.
+
+    Attributes
+    ----------
+    state : str
+        ``finished`` or ``interrupted``; empty until the end.
+    messages, passes : int
+        Messages sent and whole passes over the bag.
+    bag_seconds, wall_seconds : float
+        Bag time played and the time that took, pauses left out.
+    delivered : bool
+        Whether every subscriber acknowledged all that it was sent.
+    """
+
+    state: str = ""
+    messages: int = 0
+    passes: int = 0
+    bag_seconds: float = 0.0
+    wall_seconds: float = 0.0
+    delivered: bool = False
+
+    @property
+    def rate(self) -> float:
+        """Bag seconds in a second, as achieved."""
+        return self.bag_seconds / self.wall_seconds if self.wall_seconds > 0.0 else 0.0
