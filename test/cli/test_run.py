@@ -91,7 +91,10 @@ def start(tmp_path):
 
 
 def test_two_runs_side_by_side_give_the_offline_trajectory(start, dataset, bag, tmp_path):
-    runs = [start(dataset, name="one"), start(bag, name="two")]
+    runs = [
+        start(dataset, "--rate", "0", name="one"),
+        start(bag, "--rate", "5", name="two"),
+    ]
     assert main(["solve", str(dataset), "--out", str(tmp_path / "solved")]) == 0
     for run in runs:
         code, output, _ = run.end()
@@ -110,7 +113,9 @@ def test_two_runs_side_by_side_give_the_offline_trajectory(start, dataset, bag, 
 
 
 def test_flags_reach_the_nodes(start, dataset):
-    run = start(dataset, "--estimator", "dead_reckoning", "--fraction", "0.5", "--seed", "7")
+    run = start(
+        dataset, "--rate", "0", "--estimator", "dead_reckoning", "--fraction", "0.5", "--seed", "7"
+    )
     assert run.end()[0] == 0
     used = read_results(run.out).parameters["slam_node"]
     assert used["estimator"] == "dead_reckoning"
@@ -119,7 +124,7 @@ def test_flags_reach_the_nodes(start, dataset):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_in_the_middle_keeps_the_results_and_leaves_no_process(start, bag, number):
-    run = start(bag, "--rate", "1")
+    run = start(bag)
     run.wait_for_steps()
     run.process.send_signal(number)
     code, _, errors = run.end()
@@ -146,7 +151,7 @@ def test_ctrl_c_while_the_nodes_start_ends_all(start, bag):
 
 
 def test_a_kill_leaves_the_rows_so_far_and_no_process(start, bag):
-    run = start(bag, "--rate", "1")
+    run = start(bag)
     run.wait_for_steps()
     run.process.kill()
     run.assert_nothing_is_left()
@@ -155,7 +160,7 @@ def test_a_kill_leaves_the_rows_so_far_and_no_process(start, bag):
 
 
 def test_a_node_that_dies_is_named_and_the_results_are_kept(start, bag):
-    run = start(bag, "--rate", "1")
+    run = start(bag)
     run.wait_for_steps()
     os.kill(run.pids()["vislam_ros.nodes.slam_node"], signal.SIGKILL)
     code, _, errors = run.end()

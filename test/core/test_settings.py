@@ -21,7 +21,7 @@ def test_values_arrive_in_the_type_of_the_field():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"chi_gate": 1.0}, ["chi_gate", "no such parameter", "chi2_gate"]),
+        ({"chi_gate": 1.0}, ["chi_gate", "no such parameter", "did you mean chi2_gate?"]),
         ({"chi2_gate": "high"}, ["chi2_gate", "'high'", "number"]),
         ({"chi2_gate": -1.0}, ["chi2_gate", "-1.0", "at least 0"]),
         ({"chi2_gate": float("nan")}, ["chi2_gate", "nan", "finite"]),

@@ -83,4 +83,7 @@ def test_what_may_change_at_run_time_is_checked_and_told(node_with):
 def test_names_that_are_not_declared_are_found_with_what_was_meant(node_with):
     node = node_with(estimater="joint", unlike_any=1)
     declare_settings(node, SlamSettings)
-    assert undeclared_overrides(node) == {"estimater": "estimator", "unlike_any": ""}
+    assert undeclared_overrides(node) == {
+        "estimater": "; did you mean estimator?",
+        "unlike_any": "",
+    }

@@ -11,7 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
+from vislam_ros.core.settings import (
+    PredictionSettings,
+    SlamSettings,
+    nearest_name,
+    settings_from_dict,
+)
 from vislam_ros.data.landmark_map import read_landmarks
 from vislam_ros.data.parameter_file import node_parameters, read_parameters
 from vislam_ros.errors import SettingsError
@@ -87,7 +92,7 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
         if node == "slam_node":
             values.update({k: v for k, v in overrides.items() if v is not None})
         given[node] = values
-        checked[node] = _checked(node, classes, values)
+        checked[node] = _checked(f"{file}: " if file else "", node, classes, values)
     slam = checked["slam_node"]
     map_file = slam[SlamNodeSettings].map_file
     if slam[SlamSettings].estimator == "localization" and not map_file:
@@ -102,19 +107,18 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
     )
 
 
-def _checked(node: str, classes: tuple[Any, ...], values: dict[str, Any]) -> dict[Any, Any]:
-    """Settings by class, of one node's parameters."""
+def _checked(
+    where: str, node: str, classes: tuple[Any, ...], values: dict[str, Any]
+) -> dict[Any, Any]:
+    """Settings by class, of one node's parameters; ``where`` begins each error."""
     names = {cls: {field.name for field in dataclasses.fields(cls)} for cls in classes}
     known = set().union(*names.values())
-    if unknown := sorted(set(values) - known - {"use_sim_time"}):
-        raise SettingsError(
-            f"{node}: {', '.join(unknown)}: no such parameter; there are "
-            f"{', '.join(sorted(known))}"
-        )
     try:
+        for name in sorted(set(values) - known - {"use_sim_time"}):
+            raise SettingsError(f"{name}: no such parameter{nearest_name(name, known)}")
         return {
             cls: settings_from_dict(cls, {k: v for k, v in values.items() if k in names[cls]})
             for cls in classes
         }
     except SettingsError as error:
-        raise SettingsError(f"{node}: {error}") from error
+        raise SettingsError(f"{where}{node}: {error}") from error

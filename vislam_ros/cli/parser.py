@@ -151,7 +151,7 @@ services: player/pause, player/resume, player/step (std_srvs/Trigger)
 """,
     )
     parser.add_argument("bag", metavar="BAG", type=Path, help="bag directory or .mcap file")
-    _add_rate(parser, _PLAY.rate)
+    _add_rate(parser)
     parser.add_argument(
         "--start-offset",
         type=_number(0),
@@ -230,13 +230,14 @@ def _add_run(commands: _Commands) -> None:
         "run",
         "run the whole live graph over a drive: three nodes and the player",
         """\
-  vislam run drive.npz --out results
-  vislam run drive_bag --out results --rate 1 --params config/ekf.yaml --force
+  vislam run drive.npz --out results              in real time, as on a car
+  vislam run drive.npz --out results --rate 0     as fast as the graph takes it
+  vislam run drive_bag --out results --params config/ekf.yaml --force
   vislam run drive.npz --out results --estimator localization --map before/landmarks.npz
 """,
     )
     _add_estimation(parser)
-    _add_rate(parser, 0.0)
+    _add_rate(parser)
 
 
 def _add_solve(commands: _Commands) -> None:
@@ -380,13 +381,13 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_rate(parser: argparse.ArgumentParser, default: float) -> None:
+def _add_rate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate",
         type=_number(0),
-        default=default,
+        default=_PLAY.rate,
         metavar="R",
-        help=f"times real time; 0 is as fast as the graph takes it, losing nothing ({default:g})",
+        help=f"times real time; 0 is as fast as the graph takes it, losing nothing ({_PLAY.rate:g})",
     )
 
 

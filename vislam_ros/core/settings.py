@@ -7,8 +7,9 @@ the same YAML, so a name, a range and a meaning are written once.
 """
 
 import dataclasses
+import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -187,11 +188,15 @@ def settings_from_dict(cls: type[S], values: Mapping[str, Any]) -> S:
     fields = {field.name: field for field in dataclasses.fields(cls)}
     for name in values:
         if name not in fields:
-            raise SettingsError(
-                f"{name}: no such parameter; there are {', '.join(sorted(fields))}"
-            )
+            raise SettingsError(f"{name}: no such parameter{nearest_name(name, fields)}")
     checked = {name: _checked(fields[name], value) for name, value in values.items()}
     return cls(**checked)
+
+
+def nearest_name(name: str, declared: Iterable[str]) -> str:
+    """Hint at the declared name that is most like a wrong one, if there is any."""
+    nearest = difflib.get_close_matches(name, list(declared), n=1)
+    return f"; did you mean {nearest[0]}?" if nearest else ""
 
 
 def _checked(field: "dataclasses.Field[Any]", value: Any) -> Any:

@@ -3,7 +3,6 @@
 """ROS parameters declared from a settings dataclass, with meaning, range and one-line errors."""
 
 import dataclasses
-import difflib
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -17,7 +16,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from vislam_ros.core.settings import settings_from_dict
+from vislam_ros.core.settings import nearest_name, settings_from_dict
 from vislam_ros.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -69,18 +68,18 @@ def setting_names(*classes: "type[DataclassInstance]") -> tuple[str, ...]:
 
 
 def undeclared_overrides(node: Node) -> dict[str, str]:
-    """Names given to a node that it does not declare, each with the nearest name it does."""
+    """Names given to a node that it does not declare, each with a hint at one it does."""
     declared = list(node.get_parameters_by_prefix(""))
-    unknown = (name for name in _overrides(node) if not node.has_parameter(name))
     return {
-        name: next(iter(difflib.get_close_matches(name, declared, n=1)), "") for name in unknown
+        name: nearest_name(name, declared)
+        for name in _overrides(node)
+        if not node.has_parameter(name)
     }
 
 
 def warn_of_undeclared_overrides(node: Node) -> None:
     """Log a line for each override that rclpy would pass over in silence."""
-    for name, nearest in undeclared_overrides(node).items():
-        hint = f"; did you mean {nearest}?" if nearest else ""
+    for name, hint in undeclared_overrides(node).items():
         node.get_logger().warning(f"{name}: no such parameter, it has no effect{hint}")
 
 
