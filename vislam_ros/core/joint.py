@@ -13,12 +13,20 @@ from numpy.typing import NDArray
 
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.error_operations import (
+    Admission,
+    Correction,
+    PoseMark,
+    Retirement,
+    Transition,
+)
 from vislam_ros.core.estimator import Outcome
 from vislam_ros.core.gating import passes_gates
 from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.motion import Increment, symmetrized
 from vislam_ros.core.observation import PredictedObservation, StereoObservation
 from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.tape import Tape
 from vislam_ros.core.tracks import Keys, TrackedFrame, slots_of
 
 Array = NDArray[np.float64]
@@ -31,6 +39,8 @@ class JointFilter:
     ----------
     settings : SlamSettings
     camera : StereoCamera
+    tape : Tape, optional
+        Where to record for the backward pass.
 
     Attributes
     ----------
@@ -42,8 +52,11 @@ class JointFilter:
         Their world positions, metres.
     """
 
-    def __init__(self, settings: SlamSettings, camera: StereoCamera):
+    SMALL_SIZE = 6
+
+    def __init__(self, settings: SlamSettings, camera: StereoCamera, tape: Tape | None = None):
         self._settings = settings
+        self._tape = tape
         self._observation = StereoObservation(camera, settings.pixel_variance)
         self._retired = LandmarkStore()
         self.T_world_body = np.eye(4)
@@ -68,6 +81,8 @@ class JointFilter:
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
         """Predict (eq. 64-67), retire, correct (eq. 68-71) and admit."""
+        if self._tape is not None:
+            self._tape.begin_step(self.covariance)
         self._predict(increment)
         self._retire(frame.ended)
         known = np.isin(frame.keys, self.keys)
@@ -77,6 +92,8 @@ class JointFilter:
         )
         self._retire(rejected)
         self._admit(frame.keys[~known & usable], frame.pixels[~known & usable])
+        if self._tape is not None:
+            self._tape.record(PoseMark(self.T_world_body))
         return Outcome(used, int(np.sum(~known & usable)), rejected, nis, dof)
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
@@ -103,12 +120,16 @@ class JointFilter:
         P[:6, :6] = F @ P[:6, :6] @ F.T + increment.covariance
         P[:6, 6:] = F @ P[:6, 6:]
         P[6:, :6] = P[:6, 6:].T
+        if self._tape is not None:
+            self._tape.record(Transition(F, increment.covariance))
 
     def _retire(self, keys: Keys) -> None:
         gone = np.isin(self.keys, keys)
         if not np.any(gone):
             return
         self._retired.add(self.keys[gone], self.means[gone], self._landmark_covariances()[gone])
+        if self._tape is not None:
+            self._tape.record(Retirement(self.keys[gone], self.means[gone], gone))
         self.keys, self.means = self.keys[~gone], self.means[~gone]
         kept = np.concatenate([np.ones(6, dtype=bool), np.repeat(~gone, 3)])
         self.covariance = self.covariance[np.ix_(kept, kept)]
@@ -152,6 +173,12 @@ class JointFilter:
         delta = whitened @ Y
         self.T_world_body = self.T_world_body @ se3.exp(delta[:6])
         self.means = self.means + delta[6:].reshape(-1, 3)
+        if self._tape is not None:
+            H_pose, H_landmark = predicted.H_pose[passed], predicted.H_landmark[passed]
+            noise = self._observation.noise
+            self._tape.record(
+                Correction(residual[passed], noise, H_pose, H_landmark, slots[passed])
+            )
         return int(passed.sum()), keys[~passed], float(whitened @ whitened), len(whitened)
 
     def _times_H(self, predicted: PredictedObservation, slots: NDArray[np.int64]) -> Array:
@@ -182,7 +209,8 @@ class JointFilter:
         size, added = len(P), 3 * len(keys)
         grown = np.zeros((size + added, size + added))
         grown[:size, :size] = P
-        if self._settings.landmark_initialization == "correlated":
+        correlated = self._settings.landmark_initialization == "correlated"
+        if correlated:
             J = J_pose.reshape(added, 6)
             cross = J @ P[:6]
             new = cross[:, :6] @ J.T
@@ -197,5 +225,7 @@ class JointFilter:
         new.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += noise
         grown[size:, size:] = symmetrized(new)
         self.covariance = grown
+        if self._tape is not None:
+            self._tape.record(Admission(noise, J_pose if correlated else None))
         self.keys = np.concatenate([self.keys, keys])
         self.means = np.concatenate([self.means, positions])

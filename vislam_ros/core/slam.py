@@ -26,11 +26,16 @@ from vislam_ros.core.mapping import MappingFilter
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.pairing import PredictedPath
 from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.smoothed_drive import SmoothedDrive, smoothed_drive
+from vislam_ros.core.tape import Tape
 from vislam_ros.core.time_order import Refusal, TimeOrder
 from vislam_ros.core.tracks import TrackedFrame, Tracks
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
+
+# Sizes of the small part of the error state, of the estimators that record what they do.
+_SMALL_SIZES = {"joint": JointFilter.SMALL_SIZE}
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,8 @@ class Slam:
     settings : SlamSettings
     given_map : LandmarkMap, optional
         The map of the estimator ``localization``.
+    record : bool, optional
+        Whether to record what :meth:`smoothed` needs: some 15 kB a step.
 
     Attributes
     ----------
@@ -112,14 +119,26 @@ class Slam:
     Raises
     ------
     SettingsError
-        Where the estimator needs a map and none is given.
+        Where the estimator needs a map and none is given, or cannot be smoothed and should be.
     """
 
-    def __init__(self, settings: SlamSettings, given_map: LandmarkMap | None = None):
+    def __init__(
+        self,
+        settings: SlamSettings,
+        given_map: LandmarkMap | None = None,
+        *,
+        record: bool = False,
+    ):
+        if record and settings.estimator not in _SMALL_SIZES:
+            raise SettingsError(
+                f"estimator: {settings.estimator!r} cannot be smoothed; "
+                f"use {' or '.join(_SMALL_SIZES)}"
+            )
         if settings.estimator == "localization" and given_map is None:
             raise SettingsError("estimator: 'localization' needs a map; set map_file to one")
         self._settings = settings
         self._given_map = given_map
+        self._record = record
         self._camera: StereoCamera | None = None
         self.refused: Counter[str] = Counter()
         self.resets = 0
@@ -143,6 +162,8 @@ class Slam:
         settings = self._settings
         self._pass = pass_number
         self._estimator: Estimator | None = None
+        self._tape = Tape(_SMALL_SIZES[settings.estimator]) if self._record else None
+        self._stamps: list[int] = []
         self._last_stamp: int | None = None
         self._tracks = Tracks(
             settings.retire_after, settings.frozen_share if settings.track_continuity else None
@@ -264,6 +285,15 @@ class Slam:
         ids, generations = self._tracks.identity(keys)
         return LandmarkMap(ids, generations, positions, covariances)
 
+    def smoothed(self) -> SmoothedDrive:
+        """Smooth the steps since the estimate began, at any time; needs ``record``."""
+        if self._tape is None:
+            raise ValueError("nothing was recorded: the session needs record=True")
+        keys = np.empty(0, dtype=np.int64)
+        if self._estimator is not None:
+            keys = self._estimator.landmarks()[0]
+        return smoothed_drive(self._tape, self._stamps, keys, self.landmarks())
+
     def _advance(self) -> list[SlamStep]:
         """Take every waiting frame whose motion is known by now."""
         steps: list[SlamStep] = []
@@ -303,6 +333,8 @@ class Slam:
         outcome = self._estimator.step(increment, tracked)
         if self._given_map is None:
             self._tracks.restart(outcome.rejected)
+        if self._record:
+            self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp
         path.forget_before(frame.stamp)
         return self._report(begin, frame, path, first, tracked, outcome, self._estimator)
@@ -341,7 +373,7 @@ class Slam:
     def _new_estimator(self, camera: StereoCamera) -> Estimator:
         settings = self._settings
         makers: dict[str, Callable[[], Estimator]] = {
-            "joint": lambda: JointFilter(settings, camera),
+            "joint": lambda: JointFilter(settings, camera, self._tape),
             "block_diagonal": lambda: BlockDiagonalFilter(settings, camera),
             "mapping": lambda: MappingFilter(settings, camera),
             "dead_reckoning": lambda: DeadReckoningEstimator(settings),

@@ -1,0 +1,71 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Motions and tracked frames of a simulated drive, as the SLAM session hands them to a filter."""
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core import se3
+from vislam_ros.core.dead_reckoning import DeadReckoning
+from vislam_ros.core.estimator import Estimator, Outcome
+from vislam_ros.core.motion import Increment
+from vislam_ros.core.pairing import PredictedPath
+from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.tracks import TrackedFrame, Tracks
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.simulation import SimulationSettings, simulate
+
+
+def gappy_drive(settings: SimulationSettings, lost_share: float = 0.1) -> Drive:
+    """Simulate a drive and lose some of its observations, so that landmarks come back."""
+    drive = simulate(settings).drive
+    seen = np.random.default_rng(settings.seed).random(len(drive.ids)) >= lost_share
+    offsets = np.concatenate([[0], np.cumsum(seen)])[drive.offsets]
+    return Drive(
+        name=drive.name,
+        camera=drive.camera,
+        image_size=drive.image_size,
+        twist_stamps=drive.twist_stamps,
+        twists=drive.twists,
+        feature_stamps=drive.feature_stamps,
+        offsets=offsets,
+        ids=drive.ids[seen],
+        pixels=drive.pixels[seen],
+    )
+
+
+def increments(drive: Drive, settings: SlamSettings) -> list[Increment]:
+    """Predicted motion before each frame."""
+    reckoning = DeadReckoning(PredictionSettings(time_jump=settings.time_jump))
+    path = PredictedPath(settings)
+    for stamp, twist in zip(drive.twist_stamps.tolist(), drive.twists, strict=True):
+        prediction = reckoning.add_twist(stamp, twist)
+        assert prediction is not None
+        path.add(stamp, se3.pose_matrix(prediction.position, prediction.quaternion))
+    standing = Increment(np.eye(4), 0.0, np.zeros((6, 6)))
+    stamps = drive.feature_stamps.tolist()
+    return [standing, *(path.increment(a, b) for a, b in itertools.pairwise(stamps))]
+
+
+def run(
+    estimator: Estimator, drive: Drive, settings: SlamSettings
+) -> Iterator[tuple[Increment, TrackedFrame, Outcome]]:
+    """Drive a filter step by step; each step's input and outcome."""
+    tracks = Tracks(settings.retire_after, settings.frozen_share)
+    for k, increment in enumerate(increments(drive, settings)):
+        frame = tracks.observe(*drive.frame(k), motion_expected=k > 0)
+        outcome = estimator.step(increment, frame)
+        tracks.restart(outcome.rejected)
+        yield increment, frame, outcome
+
+
+def returning_ids(drive: Drive) -> NDArray[np.uint32]:
+    """Ids that are unseen in some frame between two in which they are seen."""
+    step = np.repeat(np.arange(drive.steps), np.diff(drive.offsets))
+    ids, counts = np.unique(drive.ids, return_counts=True)
+    first = np.array([step[drive.ids == i].min() for i in ids])
+    last = np.array([step[drive.ids == i].max() for i in ids])
+    return ids[counts < last - first + 1]

@@ -1,0 +1,324 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What a filter does to its error state, one class an operation, forwards and backwards.
+
+The error state is ``[small; delta_1; ...; delta_n]``: a small part that begins with the pose error
+``[rho; theta]`` on the right, and three numbers for each active landmark. Forwards an operation
+carries the covariance P. Backwards it carries the adjoints of the modified Bryson-Fraser
+smoother (Bierman, *Fixed interval smoothing with discrete measurements*, 1973): if C is the
+cross-covariance of anything with the error state at some time, then all that was observed later
+moves its estimate by ``C lambda`` and lowers its covariance by ``C Lambda C^T``.
+
+An update moves the pose by ``T <- T Exp(delta)`` and from then on the error is one about the new
+pose. The Jacobian of that change is the identity to first order, and the identity is what the
+filter takes it for; so is it here, which makes the smoothed estimates those of the filter's own
+linear system, to rounding.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from vislam_ros.core import se3
+from vislam_ros.core.motion import symmetrized
+from vislam_ros.core.tracks import Keys
+
+Array = NDArray[np.float64]
+Kept = tuple[Array, ...]
+"""What an operation's way back needs of the covariance that it met on its way forward."""
+
+
+@dataclass(frozen=True)
+class Adjoint:
+    """What all later observations say of the error state.
+
+    Attributes
+    ----------
+    vector : ndarray, (D,)
+        lambda.
+    matrix : ndarray, (D, D)
+        Lambda, symmetric.
+    """
+
+    vector: Array
+    matrix: Array
+
+
+@dataclass(frozen=True)
+class Transition:
+    """Motion: ``P <- F P F^T + noise`` with ``F = [[small, 0], [coupling, landmarks]]``.
+
+    Attributes
+    ----------
+    small : ndarray, (s, s)
+    noise : ndarray, (s, s)
+        Of the small part.
+    landmarks : ndarray, (n, 3, 3), or None
+        Diagonal blocks; None for landmarks that stay.
+    coupling : ndarray, (n, 3, s), or None
+        How the landmarks depend on the small part; None where they do not.
+    """
+
+    small: Array
+    noise: Array
+    landmarks: Array | None = None
+    coupling: Array | None = None
+
+    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
+        """Return the covariance (D, D) after the motion."""
+        P = self._times(self._times(P).T)
+        P[:s, :s] += self.noise
+        return symmetrized(P), ()
+
+    def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
+        """``lambda <- F^T lambda``, ``Lambda <- F^T Lambda F``."""
+        vector = self._transposed_times(adjoint.vector[:, None])[:, 0]
+        matrix = self._transposed_times(self._transposed_times(adjoint.matrix).T)
+        return Adjoint(vector, symmetrized(matrix))
+
+    def _times(self, X: Array) -> Array:
+        """Return F X for X (D, c)."""
+        s, columns = len(self.small), X.shape[1]
+        result = X.copy()
+        result[:s] = self.small @ X[:s]
+        if self.landmarks is not None:
+            blocks = self.landmarks @ X[s:].reshape(-1, 3, columns)
+            result[s:] = blocks.reshape(-1, columns)
+        if self.coupling is not None:
+            result[s:] += self.coupling.reshape(-1, s) @ X[:s]
+        return result
+
+    def _transposed_times(self, X: Array) -> Array:
+        """Return F^T X for X (D, c)."""
+        s, columns = len(self.small), X.shape[1]
+        result = X.copy()
+        result[:s] = self.small.T @ X[:s]
+        if self.landmarks is not None:
+            blocks = np.swapaxes(self.landmarks, -1, -2) @ X[s:].reshape(-1, 3, columns)
+            result[s:] = blocks.reshape(-1, columns)
+        if self.coupling is not None:
+            result[:s] += self.coupling.reshape(-1, s).T @ X[s:]
+        return result
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Update ``P <- P - K S K^T`` by n groups of r rows with independent noise.
+
+    Attributes
+    ----------
+    residual : ndarray, (n, r)
+        ``z - h``.
+    noise : ndarray, (r, r) or (n, r, r)
+        R.
+    H_small : ndarray, (n, r, s), or None
+    H_landmark : ndarray, (n, r, 3), or None
+    slots : ndarray of int64, (n,), or None
+        Which landmark each group sees, all different; None with ``H_landmark``.
+    """
+
+    residual: Array
+    noise: Array
+    H_small: Array | None = None
+    H_landmark: Array | None = None
+    slots: NDArray[np.int64] | None = None
+
+    def _whitened(self, s: int) -> tuple[Array, Array, Array]:
+        """Residual (n, r), H_small (n, r, s) and H_landmark (n or 0, r, 3) of unit noise."""
+        n, r = self.residual.shape
+        W = np.linalg.inv(np.linalg.cholesky(self.noise))
+        H_small = np.zeros((n, r, s)) if self.H_small is None else W @ self.H_small
+        H_landmark = np.zeros((0, r, 3)) if self.H_landmark is None else W @ self.H_landmark
+        return (W @ self.residual[..., None])[..., 0], H_small, H_landmark
+
+    def _rows(self, s: int) -> NDArray[np.int64]:
+        """Places (3 n,) of the landmarks' components in the error state."""
+        if self.slots is None:
+            return np.empty(0, dtype=np.int64)
+        return (s + 3 * self.slots[:, None] + np.arange(3)).ravel()
+
+    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
+        """Return the covariance (D, D) after the update; keep L^-1 of S = L L^T and Y = L^-1 H P.
+
+        Both ways need several products with L^-1, which a noise of at least 1 in S makes safe to
+        form: together they take two thirds of the time of solving with L.
+        """
+        _, H_small, H_landmark = self._whitened(s)
+        n, r, _ = H_small.shape
+        rows = self._rows(s)
+        HP = H_small.reshape(n * r, s) @ P[:s]
+        if len(rows):
+            HP += (H_landmark @ P[rows].reshape(n, 3, -1)).reshape(n * r, -1)
+        S = HP[:, :s] @ H_small.reshape(n * r, s).T
+        if len(rows):
+            columns = HP[:, rows].T.reshape(n, 3, n * r)
+            S += (H_landmark @ columns).reshape(n * r, n * r).T
+        S[np.diag_indices(n * r)] += 1.0
+        L = scipy.linalg.cholesky(S, lower=True, overwrite_a=True, check_finite=False)
+        L_inverse, _ = scipy.linalg.lapack.dtrtri(L, lower=1)
+        Y_T = scipy.linalg.blas.dtrmm(1.0, L_inverse, HP.T, side=1, lower=1, trans_a=1)
+        return P - Y_T @ Y_T.T, (L_inverse, Y_T)
+
+    def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
+        """``lambda <- H^T S^-1 r + (I - K H)^T lambda``, and Lambda likewise.
+
+        ``Lambda <- H^T S^-1 H + (I - K H)^T Lambda (I - K H)`` as a sum of squares: forms with
+        fewer products exist, but subtract, and lose the sign of Lambda's small eigenvalues.
+        """
+        L_inverse, Y_T = kept
+        residual, H_small, H_landmark = self._whitened(s)
+        n, r, _ = H_small.shape
+        size = len(Y_T)
+        rows = self._rows(s)
+        flat_small = H_small.reshape(n * r, s)
+        K_T = scipy.linalg.blas.dtrmm(1.0, L_inverse, Y_T, side=1, lower=1).T
+        # Transposed: (I - K H)^T and G = (L^-1 H)^T, for then their blocks are rows.
+        Phi_T = np.zeros((size, size))
+        Phi_T[:s] = -flat_small.T @ K_T
+        G = np.zeros((size, n * r))
+        G[:s] = flat_small.T @ L_inverse.T
+        if len(rows):
+            H_landmark_T = np.swapaxes(H_landmark, -1, -2)
+            Phi_T[rows] = -(H_landmark_T @ K_T.reshape(n, r, size)).reshape(3 * n, size)
+            G[rows] = (H_landmark_T @ L_inverse.T.reshape(n, r, n * r)).reshape(3 * n, n * r)
+        Phi_T[np.diag_indices(size)] += 1.0
+        vector = G @ (L_inverse @ residual.ravel()) + Phi_T @ adjoint.vector
+        matrix = G @ G.T + Phi_T @ adjoint.matrix @ Phi_T.T
+        return Adjoint(vector, symmetrized(matrix))
+
+
+@dataclass(frozen=True)
+class Retirement:
+    """Landmarks leave the error state, in which they can no longer be observed.
+
+    Attributes
+    ----------
+    keys : ndarray of int64, (m,)
+    positions : ndarray, (m, 3)
+        World positions as they stood, metres.
+    gone : ndarray of bool, (n,)
+        Which slots they leave.
+    J_small : ndarray, (m, 3, s), or None
+        Derivative of the world position by the small part; None for 0.
+    J_landmark : ndarray, (m, 3, 3), or None
+        Derivative of the world position by the landmark's own part; None for the identity.
+    """
+
+    keys: Keys
+    positions: Array
+    gone: NDArray[np.bool_]
+    J_small: Array | None = None
+    J_landmark: Array | None = None
+
+    def _remaining(self, s: int) -> NDArray[np.bool_]:
+        return np.concatenate([np.ones(s, dtype=bool), np.repeat(~self.gone, 3)])
+
+    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
+        """Return the covariance of the rest; keep C (3 m, D) and P_mm (m, 3, 3)."""
+        m = len(self.keys)
+        remaining = self._remaining(s)
+        C = P[~remaining]
+        if self.J_landmark is not None:
+            C = (self.J_landmark @ C.reshape(m, 3, len(P))).reshape(3 * m, len(P))
+        if self.J_small is not None:
+            C = C + self.J_small.reshape(3 * m, s) @ P[:s]
+        own = C[:, ~remaining].reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m)]
+        if self.J_landmark is not None:
+            own = own @ np.swapaxes(self.J_landmark, -1, -2)
+        if self.J_small is not None:
+            small = C[:, :s].reshape(m, 3, s)
+            own = own + small @ np.swapaxes(self.J_small, -1, -2)
+        return P[np.ix_(remaining, remaining)], (C[:, remaining], symmetrized(own))
+
+    def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
+        """Pad with zeros: nothing later was said of them but by way of the others."""
+        remaining = self._remaining(s)
+        vector = np.zeros(len(remaining))
+        matrix = np.zeros((len(remaining), len(remaining)))
+        vector[remaining] = adjoint.vector
+        matrix[np.ix_(remaining, remaining)] = adjoint.matrix
+        return Adjoint(vector, matrix)
+
+    def final(self, adjoint: Adjoint, kept: Kept) -> tuple[Array, Array]:
+        """World positions (m, 3) and covariances (m, 3, 3) after all that came later."""
+        C, own = kept
+        m = len(self.keys)
+        positions = self.positions + (C @ adjoint.vector).reshape(m, 3)
+        C_Lambda = (C @ adjoint.matrix).reshape(m, 3, -1)
+        gain = C_Lambda @ np.swapaxes(C.reshape(m, 3, -1), -1, -2)
+        return positions, symmetrized(own - gain)
+
+
+@dataclass(frozen=True)
+class Admission:
+    """Landmarks join at the end: ``delta_new = J small + noise``.
+
+    Attributes
+    ----------
+    noise : ndarray, (m, 3, 3)
+    J : ndarray, (m, 3, s), or None
+        None for 0.
+    """
+
+    noise: Array
+    J: Array | None = None
+
+    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
+        """Return the covariance with the new landmarks."""
+        size, m = len(P), len(self.noise)
+        grown = np.zeros((size + 3 * m, size + 3 * m))
+        grown[:size, :size] = P
+        if self.J is not None:
+            J = self.J.reshape(3 * m, s)
+            cross = J @ P[:s]
+            grown[size:, :size] = cross
+            grown[:size, size:] = cross.T
+            grown[size:, size:] = symmetrized(cross[:, :s] @ J.T)
+        places = size + np.arange(3 * m).reshape(m, 3)
+        grown[places[:, :, None], places[:, None, :]] += self.noise
+        return grown, ()
+
+    def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
+        """Fold with ``[I; J]^T``: what is said of a new landmark is said of what it came from."""
+        size = len(adjoint.vector) - 3 * len(self.noise)
+        vector = adjoint.vector[:size].copy()
+        matrix = adjoint.matrix[:size, :size].copy()
+        if self.J is not None:
+            J = self.J.reshape(-1, s)
+            vector[:s] += J.T @ adjoint.vector[size:]
+            cross = J.T @ adjoint.matrix[size:, :size]
+            matrix[:s] += cross
+            matrix[:, :s] += cross.T
+            matrix[:s, :s] += symmetrized(J.T @ adjoint.matrix[size:, size:] @ J)
+        return Adjoint(vector, matrix)
+
+
+@dataclass(frozen=True)
+class PoseMark:
+    """A pose to be smoothed: the error state stays as it is.
+
+    Attributes
+    ----------
+    T_world_body : ndarray, (4, 4)
+    """
+
+    T_world_body: Array
+
+    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
+        """Return the covariance as it is; keep the pose's rows C (6, D)."""
+        return P, (P[:6].copy(),)
+
+    def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
+        """Return the adjoint as it is."""
+        return adjoint
+
+    def smoothed(self, adjoint: Adjoint, kept: Kept) -> tuple[Array, Array]:
+        """Pose (4, 4) and its covariance (6, 6) after all that came later."""
+        (C,) = kept
+        T = self.T_world_body @ se3.exp(C @ adjoint.vector)
+        return T, symmetrized(C[:, :6] - C @ adjoint.matrix @ C.T)
+
+
+Operation = Transition | Correction | Retirement | Admission | PoseMark
