@@ -8,7 +8,7 @@ ARGS ?=
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint colcon clean
+.PHONY: help demo report test lint colcon clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -30,6 +30,11 @@ DRIVE := results/demo_drive.npz
 TRUTH := results/demo_drive.tum
 DEMO := results/demo
 
+# Of `make report`: a dataset or bag, and the truth about it. Empty simulates a drive.
+SHARED_DATA ?= $(or $(VISLAM_SHARED_DATA),../shared/data)
+DATA ?= $(wildcard $(SHARED_DATA)/10_synthetic.npz)
+REFERENCE ?= $(wildcard $(dir $(DATA))ground_truth/$(basename $(notdir $(DATA))).tum)
+
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
@@ -40,6 +45,10 @@ demo: $(READY) ## simulate a drive, run it live through the nodes, judge it: res
 	@$(ENTER) $(BIN)/vislam plot $(DEMO) --reference $(TRUTH) --force
 	@$(ENTER) $(BIN)/vislam evaluate $(DEMO) --reference $(TRUTH)
 	@echo 'See $(DEMO)/trajectory.png'
+
+report: $(READY) ## draw the report's figures 2 to 6: results/report; DATA=... REFERENCE=...
+	@$(ENTER) $(BIN)/python tools/reproduce_report.py $(DATA) --force \
+	  $(if $(REFERENCE),--reference $(REFERENCE))
 
 test: $(READY) ## run all tests on two cores
 	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal $(ARGS)
