@@ -19,11 +19,11 @@ ROS_SETUP := $(wildcard /opt/ros/jazzy/setup.bash)
 ifdef ROS_SETUP
 ENTER := source $(ROS_SETUP) &&
 VENV_OPTIONS := --system-site-packages
-EXTRAS := test,lint,colcon
+EXTRAS := test,lint,colcon,dask
 else
 ENTER :=
 VENV_OPTIONS :=
-EXTRAS := ros,test,lint,colcon
+EXTRAS := ros,test,lint,colcon,dask
 endif
 
 DRIVE := results/demo_drive.npz

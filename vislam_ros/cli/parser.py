@@ -387,7 +387,7 @@ def _add_rate(parser: argparse.ArgumentParser) -> None:
         type=_number(0),
         default=_PLAY.rate,
         metavar="R",
-        help=f"times real time; 0 is as fast as the graph takes it, losing nothing ({_PLAY.rate:g})",
+        help=f"times real time; 0: as fast as the graph takes it, losing nothing ({_PLAY.rate:g})",
     )
 
 

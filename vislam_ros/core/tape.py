@@ -4,8 +4,8 @@
 
 The way back needs the covariance at every update, which is far too much to keep: 1 GB for the
 3000 steps of a drive with 66 active landmarks. An operation itself is small (Jacobians and
-residuals, some 15 to 50 kB a step), so the tape keeps the operations and the covariance at every 50th
-step only; the backward pass carries it forward again from there, one stretch at a time. That
+residuals, some 15 to 50 kB a step), so the tape keeps the operations and the covariance at every
+50th step only; the backward pass carries it forward again from there, one stretch at a time. That
 costs the time of the filter's own updates once more, and no file.
 """
 
