@@ -53,6 +53,7 @@ def passing_scene(seed: int, steps: int = 25, born_each_step: int = 3, life: int
                 keys=keys,
                 pixels=exact + rng.standard_normal(exact.shape),
                 ended=np.nonzero(born + life == k)[0],
+                copied=np.zeros(len(keys), dtype=bool),
                 frozen=False,
             )
         )

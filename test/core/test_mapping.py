@@ -17,7 +17,8 @@ STILL = Increment(np.eye(4), 0.1, np.zeros((6, 6)))
 
 
 def frame_of(keys, pixels):
-    return TrackedFrame(np.asarray(keys), pixels, np.empty(0, dtype=np.int64), frozen=False)
+    nothing, no = np.empty(0, dtype=np.int64), np.zeros(len(keys), dtype=bool)
+    return TrackedFrame(np.asarray(keys), pixels, nothing, no, frozen=False)
 
 
 @pytest.mark.parametrize("initialization", ["correlated", "independent"])

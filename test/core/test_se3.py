@@ -102,3 +102,10 @@ def test_the_nearest_rotation_is_one_and_leaves_rotations_alone():
     assert_allclose(repaired @ repaired.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(repaired) > 0
     assert_allclose(repaired, R, atol=5e-3)
+
+
+@given(twists, vectors)
+def test_the_right_jacobian_is_the_derivative_of_exp(xi, d):
+    step = 1e-6 * d
+    expected = se3.log(se3.inverse(se3.exp(xi - step)) @ se3.exp(xi + step)) / 2e-6
+    assert_allclose(se3.right_jacobian(xi) @ d, expected, atol=1e-6)

@@ -174,6 +174,32 @@ def adjoint(T: ArrayLike) -> Array:
     return Ad
 
 
+def right_jacobian(xi: ArrayLike) -> Array:
+    """Right Jacobian of the exponential: ``Exp(xi + d) = Exp(xi) Exp(J_r(xi) d)`` to first order.
+
+    Sums ``(-ad(xi))^k / (k + 1)!`` (Barfoot, eq. 7.76) until the terms no longer count.
+
+    Parameters
+    ----------
+    xi : array_like, (6,)
+
+    Returns
+    -------
+    ndarray, (6, 6)
+    """
+    xi = np.asarray(xi, dtype=float)
+    minus_ad = np.zeros((6, 6))
+    minus_ad[:3, :3] = minus_ad[3:, 3:] = -hat(xi[3:])
+    minus_ad[:3, 3:] = -hat(xi[:3])
+    J = term = np.eye(6)
+    k = 1
+    while np.max(np.abs(term)) > 1e-17:
+        k += 1
+        term = term @ minus_ad / k
+        J = J + term
+    return J
+
+
 def odot(s: ArrayLike) -> Array:
     """Matrix of ``xi -> hat(xi) s`` for a homogeneous point: the report's ``s^odot`` (57).
 

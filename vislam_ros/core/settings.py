@@ -18,7 +18,14 @@ from vislam_ros.errors import SettingsError
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-ESTIMATORS = ("joint", "block_diagonal", "mapping", "localization", "dead_reckoning")
+ESTIMATORS = (
+    "robocentric",
+    "joint",
+    "block_diagonal",
+    "mapping",
+    "localization",
+    "dead_reckoning",
+)
 
 
 def setting(
@@ -92,9 +99,49 @@ class SlamSettings(MotionSettings):
     """Settings of the SLAM filters."""
 
     estimator: str = setting(
-        "joint",
+        "robocentric",
         "Which filter runs",
         choices=ESTIMATORS,
+    )
+    velocity_change_std: float = setting(
+        0.3,
+        "How much the velocity may change in a step, on each axis [m/s]; estimator robocentric",
+        minimum=0.0,
+    )
+    angular_velocity_change_std: float = setting(
+        0.02,
+        "How much the angular velocity may change in a step, on each axis [rad/s]; estimator "
+        "robocentric",
+        minimum=0.0,
+    )
+    gyro_bias_std: float = setting(
+        0.02,
+        "Prior standard deviation of the gyroscope's bias on each axis [rad/s]; 0 means that "
+        "there is none; estimator robocentric",
+        minimum=0.0,
+    )
+    gyro_bias_walk_std: float = setting(
+        0.0,
+        "Random walk of the gyroscope's bias [rad/s/sqrt(s)]; estimator robocentric",
+        minimum=0.0,
+    )
+    lens_distortion_std: float = setting(
+        0.03,
+        "Prior standard deviation of the radial distortion that rectification has left; 0 means "
+        "that there is none; estimator robocentric",
+        minimum=0.0,
+    )
+    min_observations: int = setting(
+        8,
+        "A frame that sees fewer known landmarks corrects nothing: a few cannot outvote a wrong "
+        "one; estimator robocentric",
+        minimum=1,
+    )
+    stale_disparity: float = setting(
+        0.0,
+        "Relative error of the disparity of a track that begins at a repeated pixel; estimator "
+        "robocentric",
+        minimum=0.0,
     )
     landmark_initialization: str = setting(
         "correlated",

@@ -25,6 +25,7 @@ from vislam_ros.core.localization import LocalizationFilter
 from vislam_ros.core.mapping import MappingFilter
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.pairing import PredictedPath
+from vislam_ros.core.robocentric import RobocentricFilter
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothed_drive import SmoothedDrive, smoothed_drive
 from vislam_ros.core.tape import Tape
@@ -35,7 +36,10 @@ from vislam_ros.errors import SettingsError
 Array = NDArray[np.float64]
 
 # Sizes of the small part of the error state, of the estimators that record what they do.
-_SMALL_SIZES = {"joint": JointFilter.SMALL_SIZE}
+_SMALL_SIZES = {
+    "robocentric": RobocentricFilter.SMALL_SIZE,
+    "joint": JointFilter.SMALL_SIZE,
+}
 
 
 @dataclass(frozen=True)
@@ -373,6 +377,7 @@ class Slam:
     def _new_estimator(self, camera: StereoCamera) -> Estimator:
         settings = self._settings
         makers: dict[str, Callable[[], Estimator]] = {
+            "robocentric": lambda: RobocentricFilter(settings, camera, self._tape),
             "joint": lambda: JointFilter(settings, camera, self._tape),
             "block_diagonal": lambda: BlockDiagonalFilter(settings, camera),
             "mapping": lambda: MappingFilter(settings, camera),

@@ -38,6 +38,8 @@ class TrackedFrame:
         ``u_left, v_left, u_right, v_right`` in the order of ``keys``.
     ended : ndarray of int64, (m,)
         Points that will not be seen again.
+    copied : ndarray of bool, (n,)
+        Which observations of a frozen frame repeat the last one's pixels; each begins a point.
     frozen : bool
         Whether the frame repeats the last one's pixels while the body moves.
     """
@@ -45,6 +47,7 @@ class TrackedFrame:
     keys: Keys
     pixels: NDArray[np.float64]
     ended: Keys
+    copied: NDArray[np.bool_]
     frozen: bool
 
 
@@ -146,6 +149,7 @@ class Tracks:
             keys=keys[by_key],
             pixels=pixels[by_key].astype(float),
             ended=np.sort(all_ended[all_ended != NO_KEY]),
+            copied=(copied & frozen)[by_key],
             frozen=frozen,
         )
 

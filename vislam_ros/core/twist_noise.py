@@ -1,0 +1,57 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""White noise of a twist, read off its third differences."""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# A third difference of white noise has 1 + 9 + 9 + 1 = 20 times its variance, while the motion of
+# a vehicle, smooth over four samples, all but cancels. The median passes over jerks.
+_VARIANCE_RATIO = 20.0
+# Median of the absolute value of a standard normal variable, inverted.
+_MEDIAN_TO_STD = 1.4826
+# Samples remembered: half a minute at 10 Hz, enough for a median that is good to 5 %.
+_WINDOW = 300
+# The prior counts as this many third differences.
+_PRIOR_WEIGHT = 10
+
+
+class TwistNoise:
+    """Running estimate of the standard deviation of each axis (6,) of a twist.
+
+    It looks at samples already heard only, so it is the same live and offline.
+
+    Parameters
+    ----------
+    prior : ndarray, (6,)
+        What to believe before there are samples.
+    """
+
+    def __init__(self, prior: Array):
+        self._prior = prior
+        self._samples: deque[Array] = deque(maxlen=4)
+        self._differences: deque[Array] = deque(maxlen=_WINDOW)
+
+    def add(self, twist: Array) -> None:
+        """Hear a sample (6,)."""
+        self._samples.append(twist)
+        if len(self._samples) == 4:
+            a, b, c, d = self._samples
+            self._differences.append(np.abs(d - 3 * c + 3 * b - a))
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (6,), metres and radians a second."""
+        count = len(self._differences)
+        if count == 0:
+            return self._prior
+        median = np.median(np.array(self._differences), axis=0)
+        measured = _MEDIAN_TO_STD * median / np.sqrt(_VARIANCE_RATIO)
+        # The prior fades fast, for it may be a hundredfold off.
+        weight = _PRIOR_WEIGHT / max(1.0, (count / 5) ** 2)
+        variance = (weight * self._prior**2 + count * measured**2) / (weight + count)
+        return np.sqrt(variance)
