@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 class BlockDiagonalFilter:
     """EKF with C = 0. It is overconfident: the report keeps C for that reason."""
 
+    gyro_bias = None
+    gyro_bias_std = None
+
     def __init__(self, settings: SlamSettings, camera: StereoCamera):
         self._settings = settings
         self._observation = StereoObservation(camera, settings.pixel_variance)

@@ -22,6 +22,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from vislam_ros.core import se3
+from vislam_ros.core.linear_update import mirror_upper
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.tracks import Keys
 
@@ -70,7 +71,8 @@ class Transition:
         """Return the covariance (D, D) after the motion."""
         P = self._times(self._times(P).T)
         P[:s, :s] += self.noise
-        return symmetrized(P), ()
+        mirror_upper(P)
+        return P, ()
 
     def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
         """``lambda <- F^T lambda``, ``Lambda <- F^T Lambda F``."""
@@ -81,11 +83,13 @@ class Transition:
     def _times(self, X: Array) -> Array:
         """Return F X for X (D, c)."""
         s, columns = len(self.small), X.shape[1]
-        result = X.copy()
-        result[:s] = self.small @ X[:s]
-        if self.landmarks is not None:
-            blocks = self.landmarks @ X[s:].reshape(-1, 3, columns)
-            result[s:] = blocks.reshape(-1, columns)
+        result = np.empty(X.shape)
+        np.matmul(self.small, X[:s], out=result[:s])
+        if self.landmarks is None:
+            result[s:] = X[s:]
+        else:
+            blocks = result[s:].reshape(-1, 3, columns)
+            np.matmul(self.landmarks, X[s:].reshape(-1, 3, columns), out=blocks)
         if self.coupling is not None:
             result[s:] += self.coupling.reshape(-1, s) @ X[:s]
         return result

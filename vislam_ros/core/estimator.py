@@ -48,6 +48,14 @@ class Estimator(Protocol):
         """Covariance (6, 6) of the pose error ``[rho; theta]`` on the right."""
 
     @property
+    def gyro_bias(self) -> Array | None:
+        """Gyroscope bias (3,), radians a second; None where the filter has none."""
+
+    @property
+    def gyro_bias_std(self) -> Array | None:
+        """Its standard deviations (3,)."""
+
+    @property
     def active(self) -> int:
         """Number of landmarks that the next frame can correct."""
 

@@ -23,6 +23,7 @@ from vislam_ros.core.error_operations import (
 from vislam_ros.core.estimator import Outcome
 from vislam_ros.core.gating import passes_gates
 from vislam_ros.core.landmarks import LandmarkStore
+from vislam_ros.core.linear_update import correct
 from vislam_ros.core.motion import Increment, symmetrized
 from vislam_ros.core.observation import PredictedObservation, StereoObservation
 from vislam_ros.core.settings import SlamSettings
@@ -53,6 +54,8 @@ class JointFilter:
     """
 
     SMALL_SIZE = 6
+    gyro_bias = None
+    gyro_bias_std = None
 
     def __init__(self, settings: SlamSettings, camera: StereoCamera, tape: Tape | None = None):
         self._settings = settings
@@ -160,17 +163,12 @@ class JointFilter:
             return 0, keys, 0.0, 0
         rows = np.repeat(passed, r)
         try:
-            L = scipy.linalg.cholesky(S[np.ix_(rows, rows)], lower=True, check_finite=False)
+            delta, nis = correct(
+                self.covariance, S[np.ix_(rows, rows)], HP[rows], residual[passed].ravel()
+            )
         except scipy.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             return 0, keys, 0.0, 0
-        Y = scipy.linalg.solve_triangular(L, HP[rows], lower=True, check_finite=False)
-        whitened = scipy.linalg.solve_triangular(
-            L, residual[passed].ravel(), lower=True, check_finite=False
-        )
-        # P - K S K^T as P - Y^T Y: symmetric to the last bit, unlike (I - K H) P.
-        self.covariance -= Y.T @ Y
-        delta = whitened @ Y
         self.T_world_body = self.T_world_body @ se3.exp(delta[:6])
         self.means = self.means + delta[6:].reshape(-1, 3)
         if self._tape is not None:
@@ -179,7 +177,7 @@ class JointFilter:
             self._tape.record(
                 Correction(residual[passed], noise, H_pose, H_landmark, slots[passed])
             )
-        return int(passed.sum()), keys[~passed], float(whitened @ whitened), len(whitened)
+        return int(passed.sum()), keys[~passed], nis, residual[passed].size
 
     def _times_H(self, predicted: PredictedObservation, slots: NDArray[np.int64]) -> Array:
         """Return H P (n r, 6 + 3 m) without multiplying by the zeros of H."""
@@ -191,11 +189,12 @@ class JointFilter:
     def _innovation_covariance(
         self, HP: Array, predicted: PredictedObservation, slots: NDArray[np.int64]
     ) -> Array:
-        """Return S = (H P) H^T + R (n r, n r), again without the zeros."""
+        """Return S = H (H P)^T + R (n r, n r), again without the zeros."""
         n, r, _ = predicted.H_pose.shape
-        landmark_columns = HP[:, 6:].reshape(n * r, -1, 3)[:, slots]
-        S = HP[:, :6] @ predicted.H_pose.reshape(n * r, 6).T
-        S += np.einsum("ajc,jsc->ajs", landmark_columns, predicted.H_landmark).reshape(S.shape)
+        landmark_rows = (6 + 3 * slots[:, None] + np.arange(3)).ravel()
+        columns = HP.T[landmark_rows].reshape(n, 3, n * r)
+        S = (predicted.H_landmark @ columns).reshape(n * r, n * r)
+        S += predicted.H_pose.reshape(n * r, 6) @ HP.T[:6]
         blocks = S.reshape(n, r, n, r)
         blocks[np.arange(n), :, np.arange(n), :] += self._observation.noise
         return S

@@ -79,9 +79,10 @@ def distorted(camera: StereoCamera, c: Array, kappa: float) -> tuple[Array, Arra
         Derivative by kappa.
     """
     y = c
-    # The map contracts by about kappa r^2, which is some hundredths.
-    for _ in range(8):
-        y = c - kappa * radial_shift(camera, y)[0]
+    # Newton's method; the shift is some pixels, so that three rounds are exact to rounding.
+    for _ in range(3):
+        D, J = radial_shift(camera, y)
+        y = y - np.linalg.solve(np.eye(3) + kappa * J, (y + kappa * D - c)[..., None])[..., 0]
     D, J = radial_shift(camera, y)
-    by_c: Array = np.linalg.inv(np.eye(3) + kappa * J)
+    by_c = np.linalg.inv(np.eye(3) + kappa * J).astype(float)
     return y, by_c, -(by_c @ D[..., None])[..., 0]

@@ -24,6 +24,9 @@ class MappingFilter:
     in z is 0 and only x and y are estimated.
     """
 
+    gyro_bias = None
+    gyro_bias_std = None
+
     def __init__(self, settings: SlamSettings, camera: StereoCamera):
         self._settings = settings
         self._observation = StereoObservation(camera, settings.pixel_variance)

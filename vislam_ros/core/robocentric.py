@@ -35,6 +35,7 @@ from vislam_ros.core.estimator import Outcome
 from vislam_ros.core.gating import passes_gates
 from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.lens import corrected
+from vislam_ros.core.linear_update import correct
 from vislam_ros.core.motion import Increment, symmetrized
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.settings import SlamSettings
@@ -236,18 +237,13 @@ class RobocentricFilter:
 
     def _apply(self, S: Array, HP: Array, residual: Array) -> float:
         """Correct the state by a residual (m,) with S (m, m) and H P (m, D); return the NIS."""
-        L = scipy.linalg.cholesky(S, lower=True, check_finite=False)
-        Y = scipy.linalg.solve_triangular(L, HP, lower=True, check_finite=False)
-        whitened = scipy.linalg.solve_triangular(L, residual, lower=True, check_finite=False)
-        # P - K S K^T as P - Y^T Y: symmetric to the last bit, unlike (I - K H) P.
-        self.covariance -= Y.T @ Y
-        delta = whitened @ Y
+        delta, nis = correct(self.covariance, S, HP, residual)
         self.T_world_body = self.T_world_body @ se3.exp(delta[_POSE])
         self.twist = self.twist + delta[_TWIST]
         self.gyro_bias = self.gyro_bias + delta[_BIAS]
         self.kappa += float(delta[_LENS])
         self.image_points = self.image_points + delta[_SMALL:].reshape(-1, 3)
-        return float(whitened @ whitened)
+        return nis
 
     def _admit(self, keys: Keys, pixels: Array, copied: NDArray[np.bool_]) -> None:
         """Begin landmarks at their first observation."""

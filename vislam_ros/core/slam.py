@@ -41,6 +41,17 @@ _SMALL_SIZES = {
     "joint": JointFilter.SMALL_SIZE,
 }
 
+SMOOTHABLE = tuple(_SMALL_SIZES)
+"""Estimators that can be smoothed."""
+
+
+def require_smoothable(settings: SlamSettings) -> None:
+    """Raise a SettingsError where the estimator cannot be smoothed."""
+    if settings.estimator not in SMOOTHABLE:
+        raise SettingsError(
+            f"estimator: {settings.estimator!r} cannot be smoothed; use {' or '.join(SMOOTHABLE)}"
+        )
+
 
 @dataclass(frozen=True)
 class SlamStep:
@@ -71,6 +82,9 @@ class SlamStep:
         Normalised innovation squared of the used observations, and its degrees of freedom.
     duration_ms : float
         Time that the step took, milliseconds.
+    gyro_bias, gyro_bias_std : ndarray, (3,), or None
+        Bias of the gyroscope and its standard deviations, radians a second; None where the
+        estimator has none.
     """
 
     stamp: int
@@ -90,6 +104,8 @@ class SlamStep:
     nis: float
     nis_dof: int
     duration_ms: float
+    gyro_bias: Array | None
+    gyro_bias_std: Array | None
 
 
 @dataclass(frozen=True)
@@ -118,7 +134,8 @@ class Slam:
     resets : int
         How often the estimate began anew.
     previous_map : LandmarkMap or None
-        The map as it stood when the estimate last began anew.
+        The map that the estimate had when it last began anew; the exact one where the session
+        records.
 
     Raises
     ------
@@ -133,11 +150,8 @@ class Slam:
         *,
         record: bool = False,
     ):
-        if record and settings.estimator not in _SMALL_SIZES:
-            raise SettingsError(
-                f"estimator: {settings.estimator!r} cannot be smoothed; "
-                f"use {' or '.join(_SMALL_SIZES)}"
-            )
+        if record:
+            require_smoothable(settings)
         if settings.estimator == "localization" and given_map is None:
             raise SettingsError("estimator: 'localization' needs a map; set map_file to one")
         self._settings = settings
@@ -186,7 +200,7 @@ class Slam:
 
     def _keep_map(self) -> None:
         if self._estimator is not None:
-            self.previous_map = self.landmarks()
+            self.previous_map = self.best_landmarks()
 
     def set_camera(self, camera: StereoCamera) -> list[SlamStep]:
         """Tell the calibration; features that came before it are waiting.
@@ -298,6 +312,10 @@ class Slam:
             keys = self._estimator.landmarks()[0]
         return smoothed_drive(self._tape, self._stamps, keys, self.landmarks())
 
+    def best_landmarks(self) -> LandmarkMap:
+        """Return the exact map where the session records, and else the one that stands."""
+        return self.landmarks() if self._tape is None else self.smoothed().landmarks
+
     def _advance(self) -> list[SlamStep]:
         """Take every waiting frame whose motion is known by now."""
         steps: list[SlamStep] = []
@@ -354,6 +372,7 @@ class Slam:
         estimator: Estimator,
     ) -> SlamStep:
         T = estimator.T_world_body
+        bias, bias_std = estimator.gyro_bias, estimator.gyro_bias_std
         return SlamStep(
             stamp=frame.stamp,
             position=T[:3, 3].copy(),
@@ -372,6 +391,8 @@ class Slam:
             nis=outcome.nis,
             nis_dof=outcome.nis_dof,
             duration_ms=(time.perf_counter() - begin) * 1e3,
+            gyro_bias=None if bias is None else bias.copy(),
+            gyro_bias_std=None if bias_std is None else bias_std.copy(),
         )
 
     def _new_estimator(self, camera: StereoCamera) -> Estimator:

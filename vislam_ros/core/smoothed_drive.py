@@ -56,9 +56,12 @@ def smoothed_drive(
         others.
     """
     smoothed = smooth(tape)
-    slots = slots_of(smoothed.keys, keys)
+    # What was set aside without a position is on the tape and not in the map.
+    mapped = np.isin(smoothed.keys, keys)
+    slots = slots_of(smoothed.keys[mapped], keys)
     positions, covariances = landmarks.positions.copy(), landmarks.covariances.copy()
-    positions[slots], covariances[slots] = smoothed.positions, smoothed.covariances
+    positions[slots] = smoothed.positions[mapped]
+    covariances[slots] = smoothed.covariances[mapped]
     return SmoothedDrive(
         stamps=np.array(stamps, dtype=np.int64),
         positions=smoothed.poses[:, :3, 3],
