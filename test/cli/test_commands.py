@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vislam_ros.cli.main import main
@@ -22,6 +23,14 @@ def solved(tmp_path_factory, dataset):
     """Results of the small drive."""
     path = tmp_path_factory.mktemp("solved") / "results"
     assert main(["solve", str(dataset), "--out", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="session")
+def smoothed(tmp_path_factory, dataset):
+    """The same, smoothed."""
+    path = tmp_path_factory.mktemp("smoothed") / "results"
+    assert main(["solve", str(dataset), "--out", str(path), "--smooth"]) == 0
     return path
 
 
@@ -65,6 +74,61 @@ def test_a_dataset_and_its_bag_are_solved_alike(solved, bag, tmp_path, capsys):
     assert "complete" in capsys.readouterr().out
     for name in ("trajectory.tum", "dead_reckoning.tum", "landmarks.ply", "params.yaml"):
         assert (tmp_path / "results" / name).read_bytes() == (solved / name).read_bytes(), name
+
+
+def test_smoothing_adds_smoothed_poses_and_the_exact_map_and_changes_no_filtered_pose(
+    solved, smoothed
+):
+    for name in ("trajectory.tum", "trajectory_covariance.csv", "params.yaml"):
+        assert (smoothed / name).read_bytes() == (solved / name).read_bytes(), name
+    filtered, results = read_results(solved), read_results(smoothed)
+    assert filtered.smoothed is None
+    assert results.smoothed.stamps.tolist() == results.trajectory.stamps.tolist()
+    header = (smoothed / "smoothed_covariance.csv").read_text().splitlines()[0]
+    assert header == (smoothed / "trajectory_covariance.csv").read_text().splitlines()[0]
+    # Looking back knows more of all but the last pose, where there is nothing to look back from.
+    lost = [
+        np.trace(before - after)
+        for before, after in zip(results.covariances, results.smoothed_covariances, strict=True)
+    ]
+    assert min(lost) > -1e-9
+    assert lost[len(lost) // 2] > 1e-6
+    np.testing.assert_allclose(
+        results.smoothed_covariances[-1], results.covariances[-1], rtol=0, atol=1e-9
+    )
+    assert results.landmarks.ids.tolist() == filtered.landmarks.ids.tolist()
+    assert np.any(results.landmarks.positions != filtered.landmarks.positions)
+    assert main(["verify", str(smoothed)]) == 0
+
+
+def test_smoothed_poses_are_evaluated_and_drawn(smoothed, dataset, tmp_path, capsys):
+    reference = str(dataset.with_suffix(".tum"))
+    assert main(["evaluate", str(smoothed), "--reference", reference]) == 0
+    assert "smoothed: 60 poses, NEES/6" in capsys.readouterr().out
+    assert main(["evaluate", str(smoothed), "--reference", reference, "--json"]) == 0
+    errors = json.loads(capsys.readouterr().out)["smoothed"]
+    assert errors["ate_m"]["rmse"] < 5.0
+    assert errors["nees_poses"] > 0
+    assert main(["plot", str(smoothed), "--output", str(tmp_path)]) == 0
+    assert (tmp_path / "trajectory.png").exists()
+
+
+def test_the_bias_of_the_gyroscope_is_in_the_summary_where_it_is_estimated(
+    solved, dataset, tmp_path
+):
+    assert len(read_results(solved).summary["gyro_bias"]) == 3
+    argv = ["solve", dataset, "--out", tmp_path / "results", "--estimator", "dead_reckoning"]
+    assert main([str(word) for word in argv]) == 0
+    assert read_results(tmp_path / "results").summary["gyro_bias"] is None
+
+
+def test_an_estimator_that_cannot_be_smoothed_is_refused_before_anything_is_written(
+    dataset, tmp_path, capsys
+):
+    argv = ("solve", dataset, "--smooth", "--estimator", "mapping", "--out", tmp_path / "results")
+    line = error_line(capsys, *argv)
+    assert line == "error: estimator: 'mapping' cannot be smoothed; use robocentric or joint"
+    assert not (tmp_path / "results").exists()
 
 
 def test_solved_results_are_whole_until_something_is_missing(solved, tmp_path, capsys):

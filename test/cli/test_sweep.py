@@ -33,6 +33,14 @@ def test_a_grid_over_a_drive_is_run_once_and_printed(dataset, tmp_path, capsys):
     assert "2 of 2 runs are done already" in capsys.readouterr().err
 
 
+def test_a_smoothed_sweep_prints_the_smoothed_error(dataset, tmp_path, capsys):
+    reference = dataset.with_suffix(".tum")
+    argv = (dataset, "--out", tmp_path / "sweep", "--jobs", 1, "--reference", reference)
+    assert command(*argv, "--smooth") == 0
+    assert "smoothed [m]" in capsys.readouterr().out
+    assert rows_of(tmp_path / "sweep")[0]["smoothed_ate_m"] > 0
+
+
 def test_a_file_says_what_flags_say_and_flags_go_over_it(tmp_path, capsys):
     file = tmp_path / "sweep.yaml"
     file.write_text(

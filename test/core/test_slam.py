@@ -73,6 +73,17 @@ def test_every_estimator_runs(estimator):
     assert all(np.all(np.isfinite(step.position)) for step in steps)
 
 
+def test_each_step_tells_the_gyro_bias_as_it_stood_where_the_estimator_has_one():
+    stds = np.array([step.gyro_bias_std for step in EXPECTED])
+    assert stds.shape == (len(FEATURES), 3)
+    assert_allclose(stds[0], SlamSettings().gyro_bias_std)
+    assert np.all(stds[-1] < stds[0])
+    assert len({step.gyro_bias.tobytes() for step in EXPECTED}) > 1
+    for step in play(session(estimator="joint")):
+        assert step.gyro_bias is None
+        assert step.gyro_bias_std is None
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.randoms(use_true_random=False))
 def test_the_order_of_arrival_between_the_streams_changes_nothing(random):

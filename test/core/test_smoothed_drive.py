@@ -81,6 +81,48 @@ def test_it_covers_the_steps_since_the_estimate_began_anew() -> None:
     assert len(smoothed.landmarks) == second_pass[-1].landmarks
 
 
+def test_the_map_of_a_pass_that_is_over_is_the_exact_one() -> None:
+    slam = session()
+    play(slam, first_stamp=1000 * STEP)
+    standing, exact = slam.landmarks(), slam.smoothed().landmarks
+    play(slam, count=8)
+    assert slam.previous_map is not None
+    assert_array_equal(slam.previous_map.ids, exact.ids)
+    assert_array_equal(slam.previous_map.positions, exact.positions)
+    assert np.any(exact.positions != standing.positions)
+
+
+def test_a_landmark_without_a_position_is_no_part_of_the_exact_map() -> None:
+    slam = session()
+    slam.set_camera(CAMERA)
+    slam.add_prediction(0, np.zeros(3), [0.0, 0.0, 0.0, 1.0])
+    at_infinity = np.array([[300.0, 200.0, 299.9, 200.0]])
+    frame = SCENE.frames[0]
+    slam.add_features(
+        0, [*frame.keys, 9999], np.concatenate([frame.pixels, at_infinity]).astype(np.float32)
+    )
+    play(slam, first_stamp=STEP, count=10)
+    exact, standing = slam.smoothed().landmarks, slam.landmarks()
+    assert_array_equal(exact.ids, standing.ids)
+    assert 9999 not in exact.ids
+    assert np.all(np.isfinite(exact.positions))
+    assert np.any(exact.positions != standing.positions)
+
+
+@pytest.mark.parametrize("estimator", ["robocentric", "joint"])
+def test_recording_changes_no_bit_of_the_estimate(estimator: str) -> None:
+    settings = SlamSettings(estimator=estimator)
+    recorded, unrecorded = Slam(settings, record=True), Slam(settings)
+    for one, other in zip(play(recorded), play(unrecorded), strict=True):
+        assert one.position.tobytes() == other.position.tobytes()
+        assert one.quaternion.tobytes() == other.quaternion.tobytes()
+        assert one.covariance.tobytes() == other.covariance.tobytes()
+    assert_array_equal(unrecorded.best_landmarks().positions, unrecorded.landmarks().positions)
+    assert_array_equal(
+        recorded.best_landmarks().positions, recorded.smoothed().landmarks.positions
+    )
+
+
 def test_before_the_first_frame_there_is_nothing() -> None:
     smoothed = session().smoothed()
     assert smoothed.positions.shape == (0, 3)

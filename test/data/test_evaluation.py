@@ -255,3 +255,19 @@ def test_the_wrong_reference_is_named(tmp_path: Path) -> None:
     write_tum(tmp_path / "other.tum", stamped(0, 100, 200))
     with pytest.raises(VislamError, match=r"other.tum: 0 poses of the reference"):
         evaluate(tmp_path / "results", tmp_path / "other.tum")
+
+
+def test_smoothed_poses_are_judged_with_their_own_covariances(tmp_path: Path) -> None:
+    truth = winding_drive(18, poses=100)
+    write_tum(tmp_path / "reference.tum", truth)
+    estimate = perturbed(truth, 19)
+    with ResultWriter(tmp_path / "results") as writer:
+        for k, stamp in enumerate(estimate.stamps.tolist()):
+            pose = (estimate.positions[k], estimate.quaternions[k])
+            writer.add_pose(stamp, *pose, np.eye(6))
+        writer.set_smoothed(estimate, np.tile(0.25 * np.eye(6), (len(estimate), 1, 1)))
+        writer.finish(complete=True)
+    evaluation = evaluate(tmp_path / "results", tmp_path / "reference.tum")
+    filtered, smoothed = evaluation["trajectory"], evaluation["smoothed"]
+    assert smoothed["ate_m"] == filtered["ate_m"]
+    assert smoothed["nees_per_dof"] == pytest.approx(4 * filtered["nees_per_dof"])

@@ -85,7 +85,7 @@ def assert_same_trajectory(actual: Trajectory | None, expected: Trajectory) -> N
 def test_everything_reads_back_to_the_last_bit(run: Run, tmp_path: Path) -> None:
     with ResultWriter(tmp_path / "deep" / "results") as writer:
         run.write(writer)
-        writer.set_smoothed(run.trajectory)
+        writer.set_smoothed(run.trajectory, 0.5 * run.covariances)
         writer.summary.drive = "0027"
         writer.summary.refused = {"late": 2}
         writer.summary.gyro_bias = np.array([0.01, 0.02, 0.03])
@@ -95,6 +95,7 @@ def test_everything_reads_back_to_the_last_bit(run: Run, tmp_path: Path) -> None
     for trajectory in (results.trajectory, results.dead_reckoning, results.smoothed):
         assert_same_trajectory(trajectory, run.trajectory)
     np.testing.assert_array_equal(results.covariances, run.covariances)
+    np.testing.assert_array_equal(results.smoothed_covariances, 0.5 * run.covariances)
     for name, column in results.steps.items():
         assert column.tolist() == [getattr(step, name) for step in run.steps], name
     assert results.landmarks is not None
@@ -329,3 +330,11 @@ def test_a_full_disk_is_a_known_error(tmp_path: Path) -> None:
         (tmp_path / "results" / "dead_reckoning.tum").symlink_to(full)
         with pytest.raises(VislamError, match=r"dead_reckoning.tum: cannot write.*No space"):
             writer.add_dead_reckoning(1, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+
+
+def test_results_that_were_not_smoothed_say_so(run: Run, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "results") as writer:
+        run.write(writer)
+    results = read_results(tmp_path / "results")
+    assert results.smoothed is None
+    assert results.smoothed_covariances is None

@@ -14,6 +14,7 @@ from vislam_ros.data.sweep_log import SweepLog, identity_of
 from vislam_ros.data.sweep_plan import SweepPlan
 from vislam_ros.data.sweep_run import SweepInputs, execute
 from vislam_ros.data.sweeping import missing_runs, sweep
+from vislam_ros.errors import VislamError
 
 SIMULATION = SimulationSettings(steps=25, landmarks=60)
 JOINT = SlamSettings(estimator="joint")
@@ -111,3 +112,17 @@ def test_dask_and_processes_give_equal_rows(tmp_path, inputs):
         _, there = run(tmp_path / "there", two, inputs, dask=cluster.scheduler_address)
     by_key = {row["key"]: without_times(row) for row in there}
     assert [by_key[row["key"]] for row in here] == [without_times(row) for row in here]
+
+
+def test_a_smoothed_sweep_has_both_errors_and_is_another_sweep(tmp_path, inputs):
+    smoothing = dataclasses.replace(inputs, smooth=True)
+    (point,), (row,) = run(tmp_path, plan(), smoothing)
+    filtered = execute(inputs, plan().runs[0])
+    assert row["ate_m"] == filtered["ate_m"]
+    assert "smoothed_ate_m" not in filtered
+    assert row["smoothed_ate_m"] != row["ate_m"]
+    assert row["smoothed_nees_per_dof"] > 0
+    assert "smoothed_ate_m_mean" in (tmp_path / "table.csv").read_text()
+    assert point.mean("smoothed_ate_m") == row["smoothed_ate_m"]
+    with pytest.raises(VislamError, match="--smooth"):
+        run(tmp_path, plan(), inputs)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder, told by its callbacks what the SLAM node's callbacks publish."""
 
+import dataclasses
 import json
 import shutil
 import time
@@ -24,6 +25,7 @@ from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions, recorder_node
 from vislam_ros.nodes.recorder_node import (
     DIAGNOSTICS,
+    GYRO_BIAS,
     LANDMARKS,
     ODOMETRY,
     PLAYER,
@@ -64,6 +66,9 @@ def give_step(recorder, step, first_of_pass=None):
     if first_of_pass is not None:
         values["first_of_pass"] = first_of_pass
     give(recorder.on_odometry, ODOMETRY, odometry)
+    if step.gyro_bias is not None:
+        bias = conversions.vector3_stamped(step.stamp, "base_link", step.gyro_bias)
+        give(recorder.on_gyro_bias, GYRO_BIAS, bias)
     give(
         recorder.on_step,
         STEPS,
@@ -130,6 +135,7 @@ def test_a_whole_run_is_complete_and_can_be_read(recorder, drive, answers, tmp_p
     assert results.summary["complete"] is True
     assert results.summary["steps"] == len(steps)
     assert results.summary["latency_ms_p50"] == 1.5
+    assert results.summary["gyro_bias"] == steps[-1].gyro_bias.tolist()
     assert len(results.dead_reckoning) == len(drive.predictions)
     np.testing.assert_array_equal(results.landmarks.ids, landmarks.ids)
     np.testing.assert_array_equal(results.landmarks.generations, landmarks.generations)
@@ -153,6 +159,7 @@ def test_messages_are_kept_as_they_came_in_a_file_that_other_tools_open(
         assert counts == {
             "/slam/odometry": len(steps),
             "/slam/steps": len(steps),
+            "/slam/gyro_bias": len(steps),
             "/prediction/odometry": len(steps),
             "/slam/landmarks": 1,
             "/player/status": 2,
@@ -207,7 +214,7 @@ def test_a_recorder_that_is_stopped_leaves_incomplete_but_readable_results(
     assert told["complete"] is False
     assert "playing" in told["incomplete_reason"]
     with AnyReader([tmp_path / "run" / "results.mcap"]) as reader:
-        assert reader.message_count == 3 * len(drive.stamps) + 1
+        assert reader.message_count == 4 * len(drive.stamps) + 1
 
 
 def test_nothing_of_the_last_flush_is_lost_to_a_kill(recorder, drive, answers, tmp_path):
@@ -294,6 +301,35 @@ def test_what_the_nodes_report_goes_into_the_summary(recorder, drive, answers, t
     assert told["peak_rss_mb"] == 81.5
     assert told["resets"] == 2
     assert told["refused"] == {"late": 4, "twist_non_finite": 1}
+
+
+def test_an_estimator_without_a_bias_leaves_none_in_the_summary(
+    recorder, drive, answers, tmp_path
+):
+    for step in answers[0]:
+        give_step(recorder, dataclasses.replace(step, gyro_bias=None, gyro_bias_std=None))
+    recorder.recording.flush()
+    assert summary(tmp_path / "run")["gyro_bias"] is None
+
+
+def test_a_map_that_is_on_its_way_is_waited_for(
+    recorder, drive, answers, tmp_path, no_patience, monkeypatch
+):
+    """The way back over a long drive takes longer than any other answer."""
+    steps, landmarks = answers
+    asked = []
+    monkeypatch.setattr(recorder._map_client, "service_is_ready", lambda: True)
+    monkeypatch.setattr(recorder._map_client, "call_async", asked.append)
+    give_drive(recorder, drive, answers)
+    give_player(recorder, "finished", len(steps))
+    begin = time.monotonic()
+    while time.monotonic() - begin < 4 * recorder_node.ANSWER_SECONDS:
+        recorder.on_tick()
+        assert not recorder.recording.finished
+    assert len(asked) == 1
+    give_map(recorder, steps[-1].stamp, landmarks)
+    tick_until_finished(recorder)
+    assert summary(tmp_path / "run")["complete"] is True
 
 
 def test_messages_that_make_no_sense_are_counted(recorder, drive, tmp_path):

@@ -15,6 +15,7 @@ from vislam_ros.nodes import conversions
 from vislam_ros.nodes.slam_node import SlamNode
 
 ODOMETRY, STEPS, LANDMARKS = "/slam/odometry", "/slam/steps", "/slam/landmarks"
+GYRO_BIAS = "/slam/gyro_bias"
 
 
 @pytest.fixture
@@ -207,9 +208,86 @@ def test_landmarks_go_out_on_request_with_the_stamp_of_the_last_step(node, captu
     message = published[LANDMARKS][-1]
     assert conversions.stamp_from_message(message.header.stamp) == drive.stamps[-1]
     landmarks = conversions.landmarks_from_message(message)
-    expected = node.core.landmarks()
+    expected = node.core.smoothed().landmarks
     np.testing.assert_array_equal(landmarks.ids, expected.ids)
     np.testing.assert_array_equal(landmarks.positions, expected.positions.astype(np.float32))
+
+
+def losing_tracks(drive, node):
+    """Give the drive to a node, three tracks fewer at each frame."""
+    drive.calibrate(node)
+    for k, (prediction, features) in enumerate(
+        zip(drive.predictions, drive.features, strict=True)
+    ):
+        node.on_prediction(prediction)
+        stamp, ids, pixels = conversions.features_from_message(features)
+        node.on_features(
+            conversions.features_to_message(
+                stamp, "camera_left_optical", ids[3 * k :], pixels[3 * k :]
+            )
+        )
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_the_map_on_request_is_the_exact_one_unless_a_parameter_says_no(
+    make_node, capture, drive, exact
+):
+    node = make_node(SlamNode, exact_map=exact, chi2_gate=0.0)
+    published = capture(node)
+    losing_tracks(drive, node)
+    node.publish_landmarks()
+    landmarks = conversions.landmarks_from_message(published[LANDMARKS][-1])
+    standing = node.core.landmarks()
+    np.testing.assert_array_equal(landmarks.ids, standing.ids)
+    same = np.all(landmarks.positions == standing.positions.astype(np.float32), axis=1)
+    assert same.all() != exact
+    # The map that goes out when a pass is over is the same.
+    losing_tracks(drive, node)
+    last_of_pass = conversions.landmarks_from_message(published[LANDMARKS][-1])
+    np.testing.assert_array_equal(last_of_pass.positions, landmarks.positions)
+
+
+def test_what_is_recorded_for_the_exact_map_changes_no_bit_of_the_poses(make_node, capture, drive):
+    odometries = []
+    for exact in (True, False):
+        node = make_node(SlamNode, exact_map=exact)
+        published = capture(node)
+        predictions_first(drive, node)
+        odometries.append(published[ODOMETRY])
+    assert odometries[0] == odometries[1]
+
+
+@pytest.mark.parametrize("estimator", ["joint", "mapping"])
+def test_each_estimator_publishes_the_best_map_it_has(make_node, capture, drive, estimator):
+    node = make_node(SlamNode, estimator=estimator)
+    published = capture(node)
+    predictions_first(drive, node)
+    node.publish_landmarks()
+    landmarks = conversions.landmarks_from_message(published[LANDMARKS][-1])
+    np.testing.assert_array_equal(landmarks.ids, node.core.landmarks().ids)
+    assert not published[GYRO_BIAS]
+    values = conversions.status_values(published[STEPS][-1], "slam_step")
+    assert "gyro_bias_x" not in values
+
+
+def test_the_bias_of_the_gyroscope_is_published_with_each_step(node, capture, drive):
+    published = capture(node)
+    predictions_first(drive, node)
+    steps = offline(drive)
+    assert len(published[GYRO_BIAS]) == len(steps)
+    for message, told, step in zip(published[GYRO_BIAS], published[STEPS], steps, strict=True):
+        assert conversions.stamp_from_message(message.header.stamp) == step.stamp
+        assert message.header.frame_id == "base_link"
+        vector = message.vector
+        assert [vector.x, vector.y, vector.z] == step.gyro_bias.tolist()
+        values = conversions.status_values(told, "slam_step")
+        for axis, bias, std in zip("xyz", step.gyro_bias, step.gyro_bias_std, strict=True):
+            assert float(values[f"gyro_bias_{axis}"]) == bias
+            assert float(values[f"gyro_bias_std_{axis}"]) == std
+    node.monitor.report()
+    values = conversions.status_values(published["/diagnostics"][-1], "/slam_node")
+    assert float(values["gyro bias y [rad/s]"]) == steps[-1].gyro_bias[1]
+    assert float(values["gyro bias sigma z [rad/s]"]) == steps[-1].gyro_bias_std[2]
 
 
 def test_map_to_odom_carries_the_prediction_into_the_map(drive):

@@ -247,10 +247,12 @@ def _add_solve(commands: _Commands) -> None:
         "estimate offline, in one process, to the same last bit as the live graph",
         """\
   vislam solve drive.npz --out results
+  vislam solve drive.npz --out results --smooth
   vislam solve drive_bag --out third --fraction 0.33 --seed 1
 """,
     )
     _add_estimation(parser)
+    _add_smooth(parser)
 
 
 def _add_evaluate(commands: _Commands) -> None:
@@ -340,6 +342,7 @@ and simulate, as below; its paths are relative to it, and flags go over it.
     parser.add_argument("--map", type=Path, metavar="FILE", help="for estimator localization")
     parser.add_argument("--jobs", type=_whole(1), metavar="N", help="processes (all cores)")
     parser.add_argument("--dask", metavar="ADDRESS", help="run on this Dask cluster")
+    _add_smooth(parser)
     _add_reading(parser)
     parser.add_argument("--force", action="store_true", help="begin anew, forgetting old runs")
     # What a run takes besides; here they are settings like others.
@@ -363,6 +366,15 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
     )
     _add_reading(parser)
     _add_force(parser)
+
+
+def _add_smooth(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--smooth",
+        action="store_true",
+        help="go back over the drive, for smoothed poses and the exact map "
+        "(robocentric and joint)",
+    )
 
 
 def _add_reading(parser: argparse.ArgumentParser) -> None:

@@ -11,24 +11,33 @@ from vislam_ros.cli.parameters import RunParameters, run_parameters
 from vislam_ros.cli.reading import read_input
 from vislam_ros.cli.screen import print_summary, progress_bar
 from vislam_ros.core.dead_reckoning import Prediction
-from vislam_ros.core.slam import SlamStep
+from vislam_ros.core.slam import SlamStep, require_smoothable
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.result_writer import ResultWriter, refuse_used
 from vislam_ros.data.solving import Solution, solve
 from vislam_ros.data.summary import StepStatistics, peak_rss_mb
+from vislam_ros.data.trajectory import Trajectory
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     started = time.monotonic()
     parameters = run_parameters(arguments)
+    if arguments.smooth:
+        require_smoothable(parameters.slam)
     refuse_used(arguments.out, force=arguments.force)
     drive = read_input(arguments)
     with ResultWriter(arguments.out, force=arguments.force, started=started) as writer:
         writer.summary.drive = drive.name
         writer.set_parameters(_as_used(parameters))
-        solution = _solve(drive, parameters, writer)
+        solution = _solve(drive, parameters, writer, smooth=arguments.smooth)
         writer.set_landmarks(solution.landmarks)
+        if solution.smoothed is not None:
+            smoothed = solution.smoothed
+            writer.set_smoothed(
+                Trajectory(smoothed.stamps, smoothed.positions, smoothed.quaternions),
+                smoothed.covariances,
+            )
         writer.summary.refused = solution.refused
         writer.summary.resets = solution.resets
         writer.summary.peak_rss_mb = peak_rss_mb()
@@ -37,7 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def _solve(drive: Drive, parameters: RunParameters, writer: ResultWriter) -> Solution:
+def _solve(
+    drive: Drive, parameters: RunParameters, writer: ResultWriter, *, smooth: bool
+) -> Solution:
     done = 0
     with progress_bar("solving", drive.steps) as update:
 
@@ -52,15 +63,18 @@ def _solve(drive: Drive, parameters: RunParameters, writer: ResultWriter) -> Sol
                 step.covariance,
                 _statistics(step),
             )
+            writer.summary.gyro_bias = step.gyro_bias
             nonlocal done
             done += 1
-            update(done, f"{step.landmarks} landmarks")
+            ends = smooth and done == drive.steps
+            update(done, "smoothing" if ends else f"{step.landmarks} landmarks")
 
         return solve(
             drive,
             parameters.slam,
             parameters.prediction,
             given_map=parameters.given_map,
+            smooth=smooth,
             on_prediction=add_prediction,
             on_step=add_step,
         )

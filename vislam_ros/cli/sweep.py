@@ -35,12 +35,14 @@ from vislam_ros.errors import SettingsError, VislamError
 _COLUMNS = {
     "ate_m": ("ATE [m]", "{:.3f}"),
     "nees_per_dof": ("NEES/6", "{:.2f}"),
+    "smoothed_ate_m": ("smoothed [m]", "{:.3f}"),
+    "smoothed_nees_per_dof": ("smoothed NEES/6", "{:.2f}"),
     "dead_reckoning_ate_m": ("dead reckoning [m]", "{:.2f}"),
     "nis_per_dof": ("NIS/dof", "{:.2f}"),
     "rejected_fraction": ("rejected", "{:.1%}"),
     "wall_s": ("run [s]", "{:.1f}"),
 }
-_WITH_DEVIATION = ("ate_m", "nees_per_dof")
+_WITH_DEVIATION = ("ate_m", "nees_per_dof", "smoothed_ate_m", "smoothed_nees_per_dof")
 _FILE_WIDTH = 200  # characters, where no terminal says how wide it is
 
 
@@ -112,10 +114,10 @@ def _inputs(
 ) -> SweepInputs:
     given_map = parameters.given_map
     if described.simulate is not None:
-        return SweepInputs(given_map=given_map)
+        return SweepInputs(given_map=given_map, smooth=arguments.smooth)
     reference = read_tum(described.reference) if described.reference else None
     drive = read_input(arguments)
-    return SweepInputs(drive, reference or drive.ground_truth, parameters.given_map)
+    return SweepInputs(drive, reference or drive.ground_truth, given_map, arguments.smooth)
 
 
 def _sweep(

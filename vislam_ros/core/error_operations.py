@@ -175,21 +175,28 @@ class Correction:
         residual, H_small, H_landmark = self._whitened(s)
         n, r, _ = H_small.shape
         size = len(Y_T)
-        rows = self._rows(s)
-        flat_small = H_small.reshape(n * r, s)
         K_T = scipy.linalg.blas.dtrmm(1.0, L_inverse, Y_T, side=1, lower=1).T
-        # Transposed: (I - K H)^T and G = (L^-1 H)^T, for then their blocks are rows.
-        Phi_T = np.zeros((size, size))
-        Phi_T[:s] = -flat_small.T @ K_T
-        G = np.zeros((size, n * r))
-        G[:s] = flat_small.T @ L_inverse.T
-        if len(rows):
+        # Transposed, (I - K H)^T and (L^-1 H)^T have blocks of rows, and only those of what is
+        # observed differ from the identity's and from zero.
+        seen, blocks, G = [], [], []
+        if self.H_small is not None:
+            flat_small = H_small.reshape(n * r, s)
+            seen.append(np.arange(s))
+            blocks.append(-flat_small.T @ K_T)
+            G.append(flat_small.T @ L_inverse.T)
+        if self.H_landmark is not None:
             H_landmark_T = np.swapaxes(H_landmark, -1, -2)
-            Phi_T[rows] = -(H_landmark_T @ K_T.reshape(n, r, size)).reshape(3 * n, size)
-            G[rows] = (H_landmark_T @ L_inverse.T.reshape(n, r, n * r)).reshape(3 * n, n * r)
-        Phi_T[np.diag_indices(size)] += 1.0
-        vector = G @ (L_inverse @ residual.ravel()) + Phi_T @ adjoint.vector
-        matrix = G @ G.T + Phi_T @ adjoint.matrix @ Phi_T.T
+            seen.append(self._rows(s))
+            blocks.append(-(H_landmark_T @ K_T.reshape(n, r, size)).reshape(3 * n, size))
+            G.append((H_landmark_T @ L_inverse.T.reshape(n, r, n * r)).reshape(3 * n, n * r))
+        rows, Phi_T, G_rows = np.concatenate(seen), np.concatenate(blocks), np.concatenate(G)
+        Phi_T[np.arange(len(rows)), rows] += 1.0
+        vector = adjoint.vector.copy()
+        vector[rows] = G_rows @ (L_inverse @ residual.ravel()) + Phi_T @ adjoint.vector
+        matrix = adjoint.matrix.copy()
+        matrix[rows] = Phi_T @ adjoint.matrix
+        matrix[:, rows] = matrix @ Phi_T.T
+        matrix[np.ix_(rows, rows)] += G_rows @ G_rows.T
         return Adjoint(vector, symmetrized(matrix))
 
 

@@ -95,9 +95,7 @@ class RobocentricFilter:
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3)
         )
         self._acceleration = np.diag(
-            np.repeat(
-                [settings.velocity_change_std**2, settings.angular_velocity_change_std**2], 3
-            )
+            np.repeat([settings.velocity_walk_std**2, settings.angular_velocity_walk_std**2], 3)
         )
         self._retired = LandmarkStore()
         self.T_world_body = np.eye(4)
@@ -167,7 +165,7 @@ class RobocentricFilter:
         measured = se3.log(increment.T) / tau
         self._twist_noise.add(measured)
         noise = np.zeros((_SMALL, _SMALL))
-        noise[_TWIST, _TWIST] = self._acceleration
+        noise[_TWIST, _TWIST] = tau * self._acceleration
         noise[_BIAS, _BIAS] = self._settings.gyro_bias_walk_std**2 * tau * np.eye(3)
         P = self.covariance
         P[:_SMALL, :_SMALL] += noise

@@ -103,15 +103,15 @@ class SlamSettings(MotionSettings):
         "Which filter runs",
         choices=ESTIMATORS,
     )
-    velocity_change_std: float = setting(
-        0.3,
-        "How much the velocity may change in a step, on each axis [m/s]; estimator robocentric",
+    velocity_walk_std: float = setting(
+        0.31,
+        "Random walk of the velocity on each axis, white acceleration noise [m/s/sqrt(s)]; "
+        "estimator robocentric",
         minimum=0.0,
     )
-    angular_velocity_change_std: float = setting(
-        0.02,
-        "How much the angular velocity may change in a step, on each axis [rad/s]; estimator "
-        "robocentric",
+    angular_velocity_walk_std: float = setting(
+        0.034,
+        "Random walk of the angular velocity on each axis [rad/s/sqrt(s)]; estimator robocentric",
         minimum=0.0,
     )
     gyro_bias_std: float = setting(

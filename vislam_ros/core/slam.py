@@ -125,7 +125,7 @@ class Slam:
     given_map : LandmarkMap, optional
         The map of the estimator ``localization``.
     record : bool, optional
-        Whether to record what :meth:`smoothed` needs: some 15 kB a step.
+        Whether to record what :meth:`smoothed` needs: some 15 (``joint``) or 50 kB a step.
 
     Attributes
     ----------

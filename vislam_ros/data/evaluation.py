@@ -264,10 +264,10 @@ def evaluate(directory: Path, reference: Path) -> dict[str, Any]:
     }
     try:
         evaluation["trajectory"] = compare(truth, results.trajectory, results.covariances)
-        for name in ("dead_reckoning", "smoothed"):
-            trajectory = getattr(results, name)
-            if trajectory is not None:
-                evaluation[name] = compare(truth, trajectory)
+        if results.dead_reckoning is not None:
+            evaluation["dead_reckoning"] = compare(truth, results.dead_reckoning)
+        if results.smoothed is not None:
+            evaluation["smoothed"] = compare(truth, results.smoothed, results.smoothed_covariances)
     except VislamError as error:
         raise VislamError(f"{reference}: {error}") from error
     return evaluation

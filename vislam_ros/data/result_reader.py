@@ -33,6 +33,8 @@ class Results:
     covariances : ndarray, (N, 6, 6)
         Body-frame covariance of ``[rho; theta]`` of each pose; NaN where it was not written.
     dead_reckoning, smoothed : Trajectory or None
+    smoothed_covariances : ndarray, (K, 6, 6), or None
+        Of the smoothed poses, in the same way.
     landmarks : LandmarkMap or None
     steps : dict of str to ndarray, (S,)
         Columns of ``steps.csv``; stamps in nanoseconds; empty where there is no such file.
@@ -46,6 +48,7 @@ class Results:
     covariances: NDArray[np.float64]
     dead_reckoning: Trajectory | None
     smoothed: Trajectory | None
+    smoothed_covariances: NDArray[np.float64] | None
     landmarks: LandmarkMap | None
     steps: dict[str, NDArray[Any]]
     summary: dict[str, Any]
@@ -71,13 +74,19 @@ def read_results(directory: Path) -> Results:
     trajectory = _read_trajectory(directory / "trajectory.tum")
     if trajectory is None:
         raise VislamError(f"{directory / 'trajectory.tum'}: holds no pose: the run made no step")
+    smoothed = _read_trajectory(directory / "smoothed.tum")
     landmarks, parameters = directory / "landmarks.npz", directory / "params.yaml"
     return Results(
         directory=directory,
         trajectory=trajectory,
         covariances=_read_covariances(directory / "trajectory_covariance.csv", trajectory),
         dead_reckoning=_read_trajectory(directory / "dead_reckoning.tum"),
-        smoothed=_read_trajectory(directory / "smoothed.tum"),
+        smoothed=smoothed,
+        smoothed_covariances=(
+            None
+            if smoothed is None
+            else _read_covariances(directory / "smoothed_covariance.csv", smoothed)
+        ),
         landmarks=read_landmarks(landmarks) if landmarks.exists() else None,
         steps=_read_steps(directory / "steps.csv"),
         summary=summary,

@@ -19,7 +19,7 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.data.landmark_map import write_landmarks, write_point_cloud
@@ -45,6 +45,7 @@ OWNED_FILES = (
     "trajectory_covariance.csv",
     "dead_reckoning.tum",
     "smoothed.tum",
+    "smoothed_covariance.csv",
     "steps.csv",
     "landmarks.npz",
     "landmarks.ply",
@@ -165,9 +166,10 @@ class ResultWriter:
             Where the stamp is not later: begin another directory when time jumps back.
         """
         self._append_pose("trajectory.tum", stamp, position, quaternion)
-        terms = np.asarray(covariance_body, dtype=float)[UPPER_TRIANGLE].tolist()
         self._append_row(
-            "trajectory_covariance.csv", COVARIANCE_COLUMNS, [stamp_text(stamp), *terms]
+            "trajectory_covariance.csv",
+            COVARIANCE_COLUMNS,
+            _covariance_row(stamp, np.asarray(covariance_body, dtype=float)),
         )
         self.summary.add_pose(stamp)
         self.refresh()
@@ -198,11 +200,16 @@ class ResultWriter:
         self.summary.tracks = len(np.unique(landmarks.ids))
         self.refresh()
 
-    def set_smoothed(self, trajectory: Trajectory) -> None:
-        """Write the smoothed poses."""
+    def set_smoothed(self, trajectory: Trajectory, covariances: ArrayLike) -> None:
+        """Write the smoothed poses and their covariances (N, 6, 6), as for :meth:`add_pose`."""
         lines = map(tum_line, trajectory.stamps, trajectory.positions, trajectory.quaternions)
         text = "".join(f"{line}\n" for line in lines)
         replace_file(self.directory / "smoothed.tum", text.encode("ascii"))
+        table = io.StringIO()
+        rows = csv.writer(table, lineterminator="\n")
+        rows.writerow(COVARIANCE_COLUMNS)
+        rows.writerows(map(_covariance_row, trajectory.stamps.tolist(), np.asarray(covariances)))
+        replace_file(self.directory / "smoothed_covariance.csv", table.getvalue().encode("ascii"))
 
     def set_parameters(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
         """Write ``params.yaml`` from node names to parameter names to values."""
@@ -263,3 +270,7 @@ class ResultWriter:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             raise VislamError(f"{path}: cannot write to this file: {error.strerror}") from error
+
+
+def _covariance_row(stamp: int, covariance: NDArray[np.float64]) -> list[object]:
+    return [stamp_text(stamp), *covariance[UPPER_TRIANGLE].tolist()]

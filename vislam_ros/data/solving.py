@@ -12,6 +12,7 @@ from vislam_ros.core.dead_reckoning import DeadReckoning, Prediction
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import Slam, SlamStep
+from vislam_ros.core.smoothed_drive import SmoothedDrive
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.trajectory import Trajectory
 
@@ -26,11 +27,13 @@ class Solution:
         One for each feature frame that was not refused.
     dead_reckoning : Trajectory
     landmarks : LandmarkMap
-        The map after the last step.
+        The map after the last step; the exact one where the drive was smoothed.
     refused : dict of str to int
         Refused messages by reason; those of twists begin with ``twist_``.
     resets : int
         How often the SLAM estimate began anew.
+    smoothed : SmoothedDrive or None
+        Of the steps since then, where it was asked for.
     """
 
     steps: tuple[SlamStep, ...]
@@ -38,6 +41,7 @@ class Solution:
     landmarks: LandmarkMap
     refused: dict[str, int]
     resets: int
+    smoothed: SmoothedDrive | None = None
 
     @property
     def trajectory(self) -> Trajectory:
@@ -55,6 +59,7 @@ def solve(
     prediction_settings: PredictionSettings,
     *,
     given_map: LandmarkMap | None = None,
+    smooth: bool = False,
     on_prediction: Callable[[Prediction], None] | None = None,
     on_step: Callable[[SlamStep], None] | None = None,
 ) -> Solution:
@@ -70,16 +75,18 @@ def solve(
     slam_settings, prediction_settings : SlamSettings, PredictionSettings
     given_map : LandmarkMap, optional
         The map of the estimator ``localization``.
+    smooth : bool, optional
+        Whether to go back over the drive at its end, for smoothed poses and the exact map.
     on_prediction, on_step : callable, optional
         Hear each result as it comes.
 
     Raises
     ------
     SettingsError
-        Where the estimator needs a map and none is given.
+        Where the estimator needs a map and none is given, or cannot be smoothed and should be.
     """
     reckoning = DeadReckoning(prediction_settings)
-    slam = Slam(slam_settings, given_map)
+    slam = Slam(slam_settings, given_map, record=smooth)
     predictions: list[Prediction] = []
     steps: list[SlamStep] = []
 
@@ -108,7 +115,8 @@ def solve(
                         prediction.stamp, prediction.position, prediction.quaternion
                     )
                 )
-        landmarks = slam.landmarks()
+        smoothed = slam.smoothed() if smooth else None
+        landmarks = slam.landmarks() if smoothed is None else smoothed.landmarks
     return Solution(
         steps=tuple(steps),
         dead_reckoning=Trajectory(
@@ -122,4 +130,5 @@ def solve(
             **slam.refused,
         },
         resets=slam.resets,
+        smoothed=smoothed,
     )

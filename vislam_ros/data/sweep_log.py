@@ -23,7 +23,7 @@ SWEEP_FILES = (IDENTITY, RUNS, "table.csv", "sweep.png")
 
 
 def identity_of(inputs: SweepInputs) -> dict[str, Any]:
-    """What makes two sweeps one: the same drive, truth and map, to the last bit."""
+    """What makes two sweeps one: the same drive, truth and map, smoothed or not."""
     drive = inputs.drive
     return {
         "drive": None if drive is None else drive.name,
@@ -140,8 +140,8 @@ class SweepLog:
             there = None
         if there != identity:
             raise VislamError(
-                f"{self.directory}: holds a sweep over another drive, truth or map: choose "
-                "another directory, or add --force to begin anew"
+                f"{self.directory}: holds a sweep over another drive, truth or map, or one with "
+                "another --smooth: choose another directory, or add --force to begin anew"
             )
 
     def _read(self) -> None:

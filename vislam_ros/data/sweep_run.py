@@ -35,11 +35,14 @@ class SweepInputs:
         The truth about the drive, where it is known.
     given_map : LandmarkMap or None
         The map of the estimator ``localization``.
+    smooth : bool
+        Whether the runs smooth their drive, too.
     """
 
     drive: Drive | None = None
     reference: Trajectory | None = None
     given_map: LandmarkMap | None = None
+    smooth: bool = False
 
 
 def row_start(run: SweepRun) -> Row:
@@ -70,7 +73,9 @@ def _figures(inputs: SweepInputs, run: SweepRun) -> dict[str, float | None]:
         drive = simulate(run.simulation).drive
         reference = drive.ground_truth
     assert drive is not None
-    solution = solve(drive, run.slam, run.prediction, given_map=inputs.given_map)
+    solution = solve(
+        drive, run.slam, run.prediction, given_map=inputs.given_map, smooth=inputs.smooth
+    )
     figures = _step_figures(solution)
     if reference is not None:
         covariances = np.array([step.covariance for step in solution.steps])
@@ -80,6 +85,12 @@ def _figures(inputs: SweepInputs, run: SweepRun) -> dict[str, float | None]:
         figures["nees_per_dof"] = errors["nees_per_dof"]
         errors = compare(reference, solution.dead_reckoning)
         figures["dead_reckoning_ate_m"] = errors["ate_m"]["rmse"]
+        if solution.smoothed is not None:
+            smoothed = solution.smoothed
+            poses = Trajectory(smoothed.stamps, smoothed.positions, smoothed.quaternions)
+            errors = compare(reference, poses, smoothed.covariances)
+            figures["smoothed_ate_m"] = errors["ate_m"]["rmse"]
+            figures["smoothed_nees_per_dof"] = errors["nees_per_dof"]
     return figures
 
 

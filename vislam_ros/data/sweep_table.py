@@ -17,6 +17,8 @@ from vislam_ros.data.sweep_run import Row
 FIGURES = (
     "ate_m",
     "nees_per_dof",
+    "smoothed_ate_m",
+    "smoothed_nees_per_dof",
     "rpe_frame_m",
     "dead_reckoning_ate_m",
     "nis_per_dof",

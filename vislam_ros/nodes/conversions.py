@@ -22,6 +22,7 @@ from geometry_msgs.msg import (
     TransformStamped,
     TwistWithCovarianceStamped,
     Vector3,
+    Vector3Stamped,
 )
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
@@ -208,6 +209,11 @@ def pose_stamped(
     message.pose.position = _point(position)
     message.pose.orientation = _quaternion(quaternion)
     return message
+
+
+def vector3_stamped(stamp: int, frame: str, vector: Sequence[float] | Array) -> Vector3Stamped:
+    """Vector3Stamped of a vector (3,)."""
+    return Vector3Stamped(header=header(stamp, frame), vector=_vector(vector))
 
 
 def path(stamp: int, frame: str, poses: Iterable[PoseStamped]) -> PathMessage:

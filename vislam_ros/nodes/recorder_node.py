@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -41,12 +42,13 @@ from vislam_ros.nodes.settings import (
     SlamNodeSettings,
     SlamOutputSettings,
 )
-from vislam_ros.nodes.slam_report import statistics_from_values
+from vislam_ros.nodes.slam_report import gyro_bias_from_values, statistics_from_values
 from vislam_ros.nodes.spin import run
 from vislam_ros.nodes.stamp_pairs import StampPairs
 
 ODOMETRY = Topic("slam/odometry", "nav_msgs/msg/Odometry", STREAM_QOS)
 STEPS = Topic("slam/steps", "diagnostic_msgs/msg/DiagnosticArray", STREAM_QOS)
+GYRO_BIAS = Topic("slam/gyro_bias", "geometry_msgs/msg/Vector3Stamped", STREAM_QOS)
 PREDICTION = Topic("prediction/odometry", "nav_msgs/msg/Odometry", STREAM_QOS)
 LANDMARKS = Topic("slam/landmarks", "sensor_msgs/msg/PointCloud2", LATCHED_QOS)
 PLAYER = Topic("player/status", "diagnostic_msgs/msg/DiagnosticArray", LATCHED_QOS)
@@ -56,7 +58,7 @@ GRACE_SECONDS = 5.0
 """How long the recorder waits without progress for steps that the player's count promises."""
 
 ANSWER_SECONDS = 5.0
-"""How long it waits for the last map and the nodes' parameters."""
+"""How long it waits for the nodes' parameters, and for the map where nobody offers one."""
 
 QUERIED = {
     "imu_prediction_node": setting_names(PredictionNodeSettings, PredictionSettings),
@@ -95,6 +97,7 @@ class RecorderNode(Node):
         self._query = ParameterQuery(self, QUERIED, on_parameters)
         self._record(ODOMETRY, Odometry, self.on_odometry)
         self._record(STEPS, DiagnosticArray, self.on_step)
+        self._record(GYRO_BIAS, Vector3Stamped, self.on_gyro_bias)
         self._record(PREDICTION, Odometry, self.on_prediction)
         self._record(LANDMARKS, PointCloud2, self.on_landmarks)
         self._record(PLAYER, DiagnosticArray, self.on_player)
@@ -140,12 +143,17 @@ class RecorderNode(Node):
             covariance,
             statistics_from_values(stamp, values),
             raw_values,
+            gyro_bias_from_values(values),
             latency_ms=float(values["latency_ms"]),
             first_of_pass=values["first_of_pass"] == "true",
         )
         self._steps += 1
         self._last_progress = time.monotonic()
         self._query.ask()
+
+    def on_gyro_bias(self, _message: Vector3Stamped, raw: Raw) -> None:
+        """Take the gyroscope's bias; what a step's status says of it goes into the summary."""
+        self.recording.add_other(raw)
 
     def on_prediction(self, message: Odometry, raw: Raw) -> None:
         """Take a predicted pose."""
@@ -211,7 +219,9 @@ class RecorderNode(Node):
         self._query.ask()
         self._ask_for_map()
         answered = recording.has_final_map and self._query.complete
-        if answered or now - self._waiting_since > ANSWER_SECONDS:
+        map_may_come = not recording.has_final_map and self._map_client.service_is_ready()
+        patience = recording.map_patience if map_may_come else ANSWER_SECONDS
+        if answered or now - self._waiting_since > patience:
             reason = self._shortfall()
             recording.finish(complete=not reason, reason=reason)
             self.get_logger().info(

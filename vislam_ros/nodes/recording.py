@@ -7,7 +7,7 @@ one goes to ``pass_002`` inside the first one's directory, then ``pass_003``, an
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,7 @@ from vislam_ros.data.result_writer import ResultWriter
 from vislam_ros.data.summary import StepStatistics
 from vislam_ros.nodes.message_log import MessageLog
 
-_MAP_SECONDS = 5.0
-"""How long a pass that is over waits for the map it ended with."""
+_MAP_SECONDS, _MAP_SECONDS_A_STEP = 60.0, 0.03
 
 
 @dataclass(frozen=True)
@@ -65,10 +64,16 @@ class _Pass:
         self.writer = ResultWriter(directory, force=force)
         self.log = MessageLog(directory / "results.mcap") if record_mcap else None
         self.time_pass = time_pass
+        self.steps = 0
         self.last_stamp: int | None = None
         self.map_stamp: int | None = None
         self.finished = False
         self._early: list[Raw] = []
+
+    @property
+    def map_patience(self) -> float:
+        """Seconds to wait for the map of the last step: the way back over the drive takes some."""
+        return _MAP_SECONDS + _MAP_SECONDS_A_STEP * self.steps
 
     @property
     def has_final_map(self) -> bool:
@@ -156,6 +161,11 @@ class Recording:
         return self._current.last_stamp
 
     @property
+    def map_patience(self) -> float:
+        """Seconds to wait for the map of the last step."""
+        return self._current.map_patience
+
+    @property
     def has_final_map(self) -> bool:
         """Whether the map of the last step is here."""
         return self._current.has_final_map
@@ -166,20 +176,23 @@ class Recording:
         covariance_body: NDArray[Any],
         statistics: StepStatistics,
         raw_statistics: Raw,
+        gyro_bias: Sequence[float] | None,
         *,
         latency_ms: float,
         first_of_pass: bool,
     ) -> None:
-        """Add a step: pose, its (6, 6) covariance in body axes, and what the step did."""
+        """Add a step: pose, its (6, 6) covariance in body axes, what it did, its bias (3,)."""
         last = self._current.last_stamp
         jumped = last is not None and pose.stamp <= last
         if self._current.finished or jumped or (first_of_pass and last is not None):
             self._begin_pass(jumped=jumped)
         current = self._current
+        current.steps += 1
         current.last_stamp = pose.stamp
         current.writer.add_step(
             pose.stamp, pose.position, pose.quaternion, covariance_body, statistics
         )
+        current.writer.summary.gyro_bias = gyro_bias
         current.writer.summary.latencies_ms.append(latency_ms)
         current.write_raw(pose.raw, pose.stamp)
         current.write_raw(raw_statistics, pose.stamp)
@@ -257,7 +270,7 @@ class Recording:
         self._finish_previous()
         self._count += 1
         self._previous, self._previous_jumped = self._current, jumped
-        self._previous_until = time.monotonic() + _MAP_SECONDS
+        self._previous_until = time.monotonic() + self._previous.map_patience
         self._current = self._open(
             self._directory / f"pass_{self._count:03d}", self._previous.time_pass + jumped
         )

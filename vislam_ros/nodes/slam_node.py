@@ -11,7 +11,7 @@ from typing import Any
 
 import threadpoolctl
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import TransformStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.node import Node
@@ -21,7 +21,7 @@ from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.slam import Slam, SlamStep
+from vislam_ros.core.slam import SMOOTHABLE, Slam, SlamStep
 from vislam_ros.data import bag_layout
 from vislam_ros.data.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
@@ -47,7 +47,8 @@ class SlamNode(Node):
         given_map = None
         if slam_settings.estimator == "localization" and self._settings.map_file:
             given_map = read_landmarks(Path(self._settings.map_file))
-        self.core = Slam(slam_settings, given_map)
+        record = self._settings.exact_map and slam_settings.estimator in SMOOTHABLE
+        self.core = Slam(slam_settings, given_map, record=record)
         self._calibration: dict[str, Any] = {}
         self._camera: StereoCamera | None = None
         self._received_at: dict[int, float] = {}
@@ -59,6 +60,7 @@ class SlamNode(Node):
         self._tf = TransformSender(self, self.monitor)
         self._odometry = self.monitor.advertise(Odometry, "slam/odometry")
         self._steps = self.monitor.advertise(DiagnosticArray, "slam/steps")
+        self._gyro_bias = self.monitor.advertise(Vector3Stamped, "slam/gyro_bias")
         self._landmarks = self.monitor.advertise(PointCloud2, "slam/landmarks", LATCHED)
         self._paths = self.monitor.advertise(PathMessage, "slam/path")
         self._subscribe()
@@ -152,6 +154,9 @@ class SlamNode(Node):
                 settings.map_frame,
             ),
         )
+        if step.gyro_bias is not None:
+            bias = conversions.vector3_stamped(step.stamp, settings.base_frame, step.gyro_bias)
+            self.monitor.publish(self._gyro_bias, bias)
         if output.publish_tf and self._tf.works:
             self._tf.send(
                 conversions.transform(
@@ -197,10 +202,13 @@ class SlamNode(Node):
         return "the estimate begins anew"
 
     def publish_landmarks(self) -> str:
-        """Publish the map and the path as of the last step."""
+        """Publish the map, the exact one where it is recorded, and the path as of the last step.
+
+        The way back over a long drive takes seconds, in which the node answers nothing else.
+        """
         if self._last_stamp is None:
             raise VislamError("there was no step yet")
-        landmarks = self.core.landmarks()
+        landmarks = self.core.best_landmarks()
         self._publish_landmarks(self._last_stamp, landmarks)
         self._publish_path(self._last_stamp)
         self.monitor.report()

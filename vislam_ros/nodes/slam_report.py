@@ -22,7 +22,7 @@ def step_values(step: SlamStep, latency_ms: float) -> dict[str, object]:
     latency_ms : float
         From receiving the features to publishing their pose, milliseconds.
     """
-    return {
+    values: dict[str, object] = {
         "stamp": step.stamp,
         "frozen": step.frozen,
         "active": step.active,
@@ -37,6 +37,19 @@ def step_values(step: SlamStep, latency_ms: float) -> dict[str, object]:
         "tracks": step.tracks,
         "first_of_pass": step.first_of_pass,
         "latency_ms": latency_ms,
+    }
+    values.update(_gyro_bias_values(step, "gyro_bias_{}", "gyro_bias_std_{}"))
+    return values
+
+
+def _gyro_bias_values(step: SlamStep, name: str, std_name: str) -> dict[str, object]:
+    """Bias of the gyroscope and its standard deviation by axis; nothing where there is none."""
+    if step.gyro_bias is None or step.gyro_bias_std is None:
+        return {}
+    return {
+        style.format(axis): float(value)
+        for style, vector in ((name, step.gyro_bias), (std_name, step.gyro_bias_std))
+        for axis, value in zip("xyz", vector, strict=True)
     }
 
 
@@ -53,6 +66,18 @@ def statistics_from_values(stamp: int, values: Mapping[str, str]) -> StepStatist
         for name in STEP_COLUMNS[2:]
     }
     return StepStatistics(stamp=stamp, frozen=values["frozen"] == "true", **numbers)
+
+
+def gyro_bias_from_values(values: Mapping[str, str]) -> list[float] | None:
+    """Bias of the gyroscope (3,), radians a second, from the values of a step's status.
+
+    Raises
+    ------
+    ValueError
+        Where a value is no number.
+    """
+    names = [f"gyro_bias_{axis}" for axis in "xyz"]
+    return [float(values[name]) for name in names] if names[0] in values else None
 
 
 class SlamReport:
@@ -86,6 +111,9 @@ class SlamReport:
             values["stamp age [s]"] = stamp_age(self._node, self._last.stamp)
             values["active landmarks"] = self._last.active
             values["total landmarks"] = self._last.landmarks
+            values.update(
+                _gyro_bias_values(self._last, "gyro bias {} [rad/s]", "gyro bias sigma {} [rad/s]")
+            )
         if recent:
             rejected = sum(step.rejected for step in recent)
             gated = rejected + sum(step.used for step in recent)

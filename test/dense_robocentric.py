@@ -1,0 +1,333 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The robocentric filter in its plainest form, to measure the fast one by.
+
+One dense covariance over the small part, every landmark ever seen and every past pose (a clone
+that is never observed or moved), textbook equations and an explicit inverse: no active set, no
+adjoints, four rows for an observation. Its Jacobians are taken by complex steps from the plain
+functions below, exact to rounding, and share nothing with the filter's own.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from vislam_ros.core import se3
+from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.gating import passes_gates
+from vislam_ros.core.motion import Increment
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.tracks import TrackedFrame
+from vislam_ros.core.twist_noise import TwistNoise
+
+Array = NDArray[np.float64]
+# Real or complex.
+Complex = NDArray[Any]
+
+S = 16
+POSE, TWIST, BIAS, LENS = slice(0, 6), slice(6, 12), slice(12, 15), 15
+# u_left, v_left, u_right and v_right of (u_left, u_right, v).
+FOUR_ROWS = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1]])
+
+
+def twist_matrix(xi: Complex) -> Complex:
+    """Matrix (4, 4) of ``[rho; theta]`` in se(3)."""
+    (a, b, c), (x, y, z) = xi[:3], xi[3:]
+    return np.array([[0, -z, y, a], [z, 0, -x, b], [-y, x, 0, c], [0, 0, 0, 0]], dtype=complex)
+
+
+def shift(camera: StereoCamera, y: Complex) -> Complex:
+    """Shift (n, 3) of image points for a unit of radial distortion (see lens)."""
+    left, right = (y[:, :2].T - camera.cx) / camera.fx
+    row = (y[:, 2] - camera.cy) / camera.fy
+    r2_left, r2_right = left**2 + row**2, right**2 + row**2
+    return np.column_stack(
+        [
+            camera.fx * left * r2_left,
+            camera.fx * right * r2_right,
+            camera.fy * row * (r2_left + r2_right) / 2,
+        ]
+    )
+
+
+def homogeneous(camera: StereoCamera, y: Complex, kappa: complex) -> Complex:
+    """Points (n, 4) in the left camera, ``(x / z, y / z, 1, 1 / z)``."""
+    straight = y + kappa * shift(camera, y)
+    ones = np.ones(len(y))
+    return np.column_stack(
+        [
+            (straight[:, 0] - camera.cx) / camera.fx,
+            (straight[:, 2] - camera.cy) / camera.fy,
+            ones,
+            (straight[:, 0] - straight[:, 1]) / camera.fx_baseline,
+        ]
+    )
+
+
+def warped(
+    camera: StereoCamera, y: Complex, twist: Complex, kappa: complex, tau: float
+) -> tuple[Complex, NDArray[np.bool_]]:
+    """Image points (n, 3) after a motion, and which of them are still well ahead."""
+    moved = (
+        homogeneous(camera, y, kappa)
+        @ (camera.T_camera_body @ expm(-tau * twist_matrix(twist)) @ camera.T_body_camera).T
+    )
+    ahead = moved[:, 2].real > 0.05
+    moved[~ahead] = (0.0, 0.0, 1.0, 0.0)
+    x, v, w = moved[:, 0] / moved[:, 2], moved[:, 1] / moved[:, 2], moved[:, 3] / moved[:, 2]
+    u = camera.fx * x + camera.cx
+    straight = np.column_stack([u, u - camera.fx_baseline * w, camera.fy * v + camera.cy])
+    result = straight
+    for _ in range(40):
+        result = straight - kappa * shift(camera, result)
+    return result, ahead
+
+
+def world_positions(
+    camera: StereoCamera, T_world_body: Complex, y: Complex, kappa: complex
+) -> Complex:
+    """World positions (n, 3) of image points."""
+    points = homogeneous(camera, y, kappa) @ (T_world_body @ camera.T_body_camera).T
+    return points[:, :3] / points[:, 3:]
+
+
+def complex_step(f: Callable[[Complex], Complex], x: Array) -> Array:
+    """Derivative (..., m) of a function (...) by x (m,), exact to rounding."""
+    h = 1e-30
+    steps = 1j * h * np.eye(len(x))
+    return np.stack([f(x + step).imag / h for step in steps], axis=-1)
+
+
+class DenseRobocentricFilter:
+    """EKF over ``[small; delta_1; ...; delta_N]`` where each delta is a landmark's or a clone's.
+
+    Parameters
+    ----------
+    settings, camera
+        As the filter's.
+    exchange : bool
+        Whether an ended landmark's image point is exchanged for its world position, a linear
+        change of three variables, where it has one; if not, the motion goes on to warp it until
+        it has passed the camera.
+    clone_poses : bool
+    """
+
+    def __init__(
+        self,
+        settings: SlamSettings,
+        camera: StereoCamera,
+        *,
+        exchange: bool = False,
+        clone_poses: bool = False,
+    ):
+        self.settings = settings
+        self.camera = camera
+        self.exchange = exchange
+        self.clone_poses = clone_poses
+        self.V: Array = np.diag(settings.pixel_variance)
+        self.twist_noise = TwistNoise(
+            np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3)
+        )
+        self.T_world_body = np.eye(4)
+        self.P: Array = np.diag(
+            np.repeat(
+                [
+                    settings.prior_pose_variance,
+                    50.0**2,
+                    2.0**2,
+                    settings.gyro_bias_std**2,
+                    settings.lens_distortion_std**2,
+                ],
+                [6, 3, 3, 3, 1],
+            )
+        )
+        # Estimates of all but the pose; of a clone the error.
+        self.estimate = np.zeros(S)
+        # First rows of the landmarks that the motion warps.
+        self.warped_places: list[int] = []
+        self.place_of_key: dict[int, int] = {}
+        self.positions_of_key: dict[int, int] = {}
+        self.clones: list[tuple[Array, int]] = []
+        self.passed = 0
+
+    def step(self, increment: Increment, frame: TrackedFrame) -> list[int]:
+        """Take a frame; return the keys whose observations failed a gate."""
+        self.end([key for key in frame.ended.tolist() if key in self.place_of_key])
+        tau = increment.duration
+        if tau > 0:
+            self.measure_twist(se3.log(increment.T) / tau, tau)
+            self.move(tau)
+        keys = frame.keys.tolist()
+        known = [i for i, key in enumerate(keys) if key in self.place_of_key]
+        new = [i for i, key in enumerate(keys) if key not in self.place_of_key]
+        rejected = []
+        if len(known) >= self.settings.min_observations:
+            rejected = self.correct([keys[i] for i in known], frame.pixels[known])
+        self.end(rejected)
+        for i in new:
+            self.admit(keys[i], frame.pixels[i], bool(frame.copied[i]))
+        if self.clone_poses:
+            self.clones.append((self.T_world_body, len(self.P)))
+            self.augment(np.eye(6, S), np.zeros((6, 6)), np.zeros(6))
+        return rejected
+
+    def measure_twist(self, measured: Array, tau: float) -> None:
+        settings = self.settings
+        self.twist_noise.add(measured)
+        changes = [settings.velocity_walk_std**2, settings.angular_velocity_walk_std**2]
+        self.P[TWIST, TWIST] += tau * np.diag(np.repeat(changes, 3))
+        self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
+        H = np.zeros((6, len(self.P)))
+        H[:, TWIST] = np.eye(6)
+        H[3:, BIAS] = np.eye(3)
+        self.update(H, np.diag(self.twist_noise.std**2), measured - H @ self.estimate)
+
+    def move(self, tau: float) -> None:
+        camera, estimate = self.camera, self.estimate
+        self.leave_out_of_view()
+        rows = self.rows_of(self.warped_places)
+        _, ahead = warped(camera, estimate[rows], estimate[TWIST], estimate[LENS], tau)
+        lost = {place for place, good in zip(self.warped_places, ahead, strict=True) if not good}
+        passed = [key for key, place in self.place_of_key.items() if place in lost]
+        self.passed += len(passed)
+        self.end(passed)
+        self.warped_places = [place for place in self.warped_places if place not in lost]
+
+        rows = self.rows_of(self.warped_places)
+        y, twist, kappa = estimate[rows], estimate[TWIST], estimate[LENS]
+        motion = se3.exp(tau * twist)
+        F = np.eye(len(self.P))
+
+        def pose_error(x: Complex) -> Complex:
+            E = (
+                se3.inverse(motion)
+                @ expm(twist_matrix(x[:6]))
+                @ expm(tau * twist_matrix(twist + x[6:]))
+            )
+            return np.array([E[0, 3], E[1, 3], E[2, 3], E[2, 1], E[0, 2], E[1, 0]])
+
+        F[POSE, :12] = complex_step(pose_error, np.zeros(12))
+        by_twist = complex_step(lambda u: warped(camera, y, u, kappa, tau)[0], twist)
+        by_lens = complex_step(lambda k: warped(camera, y, twist, k[0], tau)[0], np.array([kappa]))
+        by_own = complex_step(lambda d: warped(camera, y + d, twist, kappa, tau)[0], np.zeros(3))
+        for i, own in enumerate(rows):
+            F[own, TWIST] = by_twist[i]
+            F[own, LENS] = by_lens[i, :, 0]
+            F[np.ix_(own, own)] = by_own[i]
+        self.P = F @ self.P @ F.T
+        self.T_world_body = self.T_world_body @ motion
+        self.estimate[rows] = warped(camera, y, twist, kappa, tau)[0].real
+
+    def leave_out_of_view(self) -> None:
+        """Let ended landmarks rest where no lens could show them: its polynomial is none there."""
+        in_use = set(self.place_of_key.values())
+        y = self.estimate[self.rows_of(self.warped_places)]
+        ray = homogeneous(self.camera, y, 0.0)[:, :2].real
+        self.warped_places = [
+            place
+            for place, seen in zip(self.warped_places, np.abs(ray).max(axis=1) < 1.5, strict=True)
+            if seen or place in in_use
+        ]
+
+    def correct(self, keys: list[int], pixels: Array) -> list[int]:
+        rows = self.rows_of([self.place_of_key[key] for key in keys])
+        information = FOUR_ROWS.T @ np.linalg.inv(self.V) @ FOUR_ROWS
+        noise = np.linalg.inv(information)
+        image_points = pixels @ np.linalg.inv(self.V) @ FOUR_ROWS @ noise
+        own = np.array([self.P[np.ix_(row, row)] + noise for row in rows])
+        passed = passes_gates(self.settings, image_points - self.estimate[rows], own)
+        H = np.zeros((4 * passed.sum(), len(self.P)))
+        for i, row in enumerate(rows[passed]):
+            H[4 * i : 4 * i + 4, row] = FOUR_ROWS
+        if len(H):
+            R = np.asarray(np.kron(np.eye(passed.sum()), self.V), dtype=np.float64)
+            self.update(H, R, pixels[passed].ravel() - H @ self.estimate)
+        return [key for key, good in zip(keys, passed, strict=True) if not good]
+
+    def update(self, H: Array, R: Array, residual: Array) -> None:
+        """Update by the textbook, with Joseph's form of the covariance."""
+        K = self.P @ H.T @ np.linalg.inv(H @ self.P @ H.T + R)
+        delta = K @ residual
+        rest = np.eye(len(self.P)) - K @ H
+        P = rest @ self.P @ rest.T + K @ R @ K.T
+        self.P = 0.5 * (P + P.T)
+        self.T_world_body = self.T_world_body @ se3.exp(delta[POSE])
+        self.estimate = self.estimate + delta
+        self.estimate[POSE] = 0.0
+
+    def admit(self, key: int, pixels: Array, copied: bool) -> None:
+        information = FOUR_ROWS.T @ np.linalg.inv(self.V) @ FOUR_ROWS
+        noise = np.linalg.inv(information)
+        y = noise @ FOUR_ROWS.T @ np.linalg.inv(self.V) @ pixels
+        if copied:
+            noise[1, 1] += (self.settings.stale_disparity * (y[0] - y[1])) ** 2
+        self.place_of_key[key] = len(self.P)
+        self.warped_places.append(len(self.P))
+        self.augment(np.zeros((3, S)), noise, y)
+
+    def augment(self, J: Array, noise: Array, estimate: Array) -> None:
+        """Add variables that are ``J small + noise`` at present."""
+        cross = J @ self.P[:S]
+        self.P = np.block([[self.P, cross.T], [cross, cross[:, :S] @ J.T + noise]])
+        self.estimate = np.concatenate([self.estimate, estimate])
+
+    def end(self, keys: list[int]) -> None:
+        """Observe landmarks no more."""
+        for key in keys:
+            place = self.place_of_key[key]
+            if self.exchange and self.has_position(place):
+                own = self.rows_of([place])[0]
+                position, J = self.position(place)
+                rows = np.concatenate([np.arange(S), own])
+                self.P[own] = J @ self.P[rows]
+                self.P[:, own] = self.P[:, rows] @ J.T
+                self.estimate[own] = position
+                self.warped_places.remove(place)
+                self.positions_of_key[key] = place
+            del self.place_of_key[key]
+
+    def has_position(self, place: int) -> bool:
+        """Whether a landmark's disparity is positive by two standard deviations."""
+        y = self.estimate[place : place + 3]
+        straight = y + self.estimate[LENS] * shift(self.camera, y[None])[0]
+        a = np.array([1.0, -1.0])
+        variance = a @ self.P[place : place + 2, place : place + 2] @ a
+        return bool(straight[0] - straight[1] > 2 * np.sqrt(variance))
+
+    def position(self, place: int) -> tuple[Array, Array]:
+        """World position (3,) of an image point, its derivative (3, 19) by small part and it."""
+        y, kappa = self.estimate[place : place + 3], self.estimate[LENS]
+
+        def moved(x: Complex) -> Complex:
+            T = self.T_world_body @ expm(twist_matrix(x[POSE]))
+            return world_positions(self.camera, T, (y + x[S:])[None], kappa + x[LENS])[0]
+
+        return moved(np.zeros(S + 3)).real, complex_step(moved, np.zeros(S + 3))
+
+    def active_rows(self, keys: list[int]) -> NDArray[np.int64]:
+        """Rows (16 + 3 n,) of the small part and these landmarks."""
+        landmarks = self.rows_of([self.place_of_key[key] for key in keys])
+        return np.concatenate([np.arange(S), landmarks.ravel()])
+
+    @staticmethod
+    def rows_of(places: list[int]) -> NDArray[np.int64]:
+        """Rows (n, 3) of landmarks."""
+        return np.array(places, dtype=np.int64).reshape(-1, 1) + np.arange(3)
+
+    def landmark(self, key: int) -> tuple[Array, Array]:
+        """World position (3,) and covariance (3, 3) as all frames so far have it."""
+        if key in self.place_of_key:
+            place = self.place_of_key[key]
+            position, J = self.position(place)
+            rows = np.concatenate([np.arange(S), place + np.arange(3)])
+            return position, J @ self.P[np.ix_(rows, rows)] @ J.T
+        place = self.positions_of_key[key]
+        return self.estimate[place : place + 3], self.P[place : place + 3, place : place + 3]
+
+    def smoothed(self) -> tuple[Array, Array]:
+        """Past poses (T, 4, 4) and covariances (T, 6, 6) as all frames so far have them."""
+        poses = [T @ se3.exp(self.estimate[i : i + 6]) for T, i in self.clones]
+        return np.array(poses), np.array([self.P[i : i + 6, i : i + 6] for _, i in self.clones])
