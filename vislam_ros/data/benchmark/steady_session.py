@@ -12,6 +12,7 @@ from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import SlamStep
+from vislam_ros.data.benchmark.interleaving import cpu_clock
 from vislam_ros.data.benchmark.watched_slam import FilterStep, WatchedSlam
 from vislam_ros.data.simulation import BASELINE, INTRINSICS, T_BODY_CAMERA
 from vislam_ros.data.trajectory import NANOSECONDS
@@ -27,7 +28,7 @@ _PIXEL_STD = 0.5
 _TWIST_STD = np.repeat([0.05, 0.005], 3)
 # Where the points are drawn: well inside the image, so that the sway keeps them there.
 _LOW, _HIGH = np.array([100.0, 100.0]), np.array([1140.0, 275.0])
-_DISPARITIES = 4.0, 60.0
+_LOG_DISPARITIES = (float(np.log(4.0)), float(np.log(60.0)))
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class SwayingScene:
 
     def _replace(self, count: int) -> None:
         pixel = self._rng.uniform(_LOW, _HIGH, (count, 2))
-        disparity = np.exp(self._rng.uniform(*np.log(_DISPARITIES), count))
+        disparity = np.exp(self._rng.uniform(*_LOG_DISPARITIES, count))
         y = np.column_stack([pixel[:, 0], pixel[:, 0] - disparity, pixel[:, 1]])
         T = self._T_world_body @ CAMERA.T_body_camera
         points = CAMERA.triangulate(y) @ T[:3, :3].T + T[:3, 3]
@@ -117,7 +118,7 @@ class SteadySession:
     def __init__(self, settings: SlamSettings, active: int, turnover: int, landmarks: int = 0):
         self._turnover = turnover
         self._scene = SwayingScene(active)
-        self._filter_steps: deque[FilterStep] = deque(maxlen=1)
+        self._filter_steps: deque[FilterStep] = deque(maxlen=100)
         self._slam = WatchedSlam(settings, self._filter_steps.append)
         self._slam.set_camera(CAMERA)
         self.last = self._take(0)
@@ -129,21 +130,29 @@ class SteadySession:
             self.last = self._take(turnover)
 
     def step_seconds(self) -> float:
-        """Take a step; return the time of all of it."""
-        self.last = self._take(self._turnover)
-        return self.last.duration_ms * 1e-3
-
-    def filter_seconds(self) -> float:
-        """Return the time that the last step's filter took, without the tracks around it."""
-        return self._filter_steps[-1].seconds
+        """Take a step; return the time of all of it, from the message to the estimate."""
+        frame = self._scene.frame(self._turnover)
+        begin = cpu_clock()
+        self.last = self._give(frame)
+        return cpu_clock() - begin
 
     @property
-    def corrected(self) -> int:
-        """Landmarks that corrected the state in the last step."""
-        return self._filter_steps[-1].outcome.used
+    def filter_median_ms(self) -> float:
+        """Median time in the filter of the last hundred steps, without the tracks around it."""
+        return float(np.median([step.seconds for step in self._filter_steps])) * 1e3
+
+    @property
+    def update_size(self) -> tuple[int, int]:
+        """Rows of the last update, and components of the error state that it corrected."""
+        filter_step = self._filter_steps[-1]
+        before = self.last.active - self.last.admitted + self.last.rejected
+        small = getattr(self._slam.filter, "SMALL_SIZE", 6)
+        return 3 * filter_step.outcome.used, small + 3 * before
 
     def _take(self, turnover: int) -> SlamStep:
-        frame = self._scene.frame(turnover)
+        return self._give(self._scene.frame(turnover))
+
+    def _give(self, frame: SceneFrame) -> SlamStep:
         self._slam.add_prediction(frame.stamp, frame.position, frame.quaternion)
         (step,) = self._slam.add_features(frame.stamp, frame.ids, frame.pixels)
         return step

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A SLAM session that lets others watch what goes into its filter and how long it takes."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ from vislam_ros.core.motion import Increment
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.tracks import TrackedFrame
+from vislam_ros.data.benchmark.interleaving import cpu_clock
 
 
 @dataclass(frozen=True)
@@ -41,20 +41,26 @@ class WatchedSlam(Slam):
     settings : SlamSettings
     on_filter_step : callable
         Hears of each step of the filter.
+
+    Attributes
+    ----------
+    filter : Estimator or None
+        The one at work.
     """
 
     def __init__(self, settings: SlamSettings, on_filter_step: Callable[[FilterStep], None]):
         super().__init__(settings)
         self._on_filter_step = on_filter_step
+        self.filter: Estimator | None = None
 
     def _new_estimator(self, camera: StereoCamera) -> Estimator:
-        estimator = super()._new_estimator(camera)
+        self.filter = estimator = super()._new_estimator(camera)
         take_step = estimator.step
 
         def step(increment: Increment, frame: TrackedFrame) -> Outcome:
-            begin = time.perf_counter()
+            begin = cpu_clock()
             outcome = take_step(increment, frame)
-            seconds = time.perf_counter() - begin
+            seconds = cpu_clock() - begin
             self._on_filter_step(FilterStep(increment, frame, outcome, seconds))
             return outcome
 

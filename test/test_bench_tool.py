@@ -1,0 +1,60 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""tools/bench.py measures what it is asked to, once, and writes it down."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from vislam_ros.data.simulated_file import write_simulated
+from vislam_ros.data.simulation import SimulationSettings, simulate
+
+TOOL = Path(__file__).resolve().parents[1] / "tools" / "bench.py"
+
+
+def bench(*arguments):
+    return subprocess.run(
+        [sys.executable, TOOL, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=110,
+        check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+
+
+def test_the_step_is_measured_above_its_floor_and_written_as_json(tmp_path):
+    out = tmp_path / "bench.json"
+    result = bench("--only", "a", "--quick", "--estimator", "joint", "--out", out)
+    assert result.returncode == 0, result.stderr
+    assert "step / floor" in result.stdout
+    report = json.loads(out.read_text())
+    assert report["estimator"] == "joint"
+    assert "dense" not in report
+    assert {row["active"] for row in report["floor"]} == {66, 150}
+    assert all(row["ratio"] > 0 and row["floor_ms"] > 0 for row in report["floor"])
+    assert report["machine"]["blas"]
+
+    again = bench("--only", "a", "--quick", "--out", out)
+    assert again.returncode == 1
+    assert again.stderr.startswith("error:")
+    assert "--force" in again.stderr
+
+
+def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path):
+    data = tmp_path / "drive.npz"
+    write_simulated(data, simulate(SimulationSettings(steps=40, landmarks=200)))
+    out = tmp_path / "bench.json"
+    result = bench("--only", "d", "--quick", "--data", data, "--out", out)
+    assert result.returncode == 0, result.stderr
+    rows = json.loads(out.read_text())["drive"]
+    assert rows[0]["steps"] == rows[1]["steps"] == 40
+    assert all(row["ate_m"] > 0 for row in rows)
+
+
+def test_an_unknown_section_is_wrong_usage():
+    result = bench("--only", "a,z")
+    assert result.returncode == 2
+    assert "a, b, c, d, e" in result.stderr

@@ -1,0 +1,196 @@
+#!/usr/bin/env python3
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How fast the filter is, in one run, beside the floor under it and beside its peers.
+
+  a  the step with 66 and 150 landmarks in view, and in turn with it the bare LAPACK calls
+  b  the dense filter over 500, 1000 and 2000 landmarks, and in turn with it the step
+  c  the step as the map grows to 13289 landmarks, and as the view grows
+  d  a whole drive, inside this process and as a command with its peak memory
+  e  GTSAM's iSAM2, fixed-lag smoother and batch optimum on the same tracks
+
+BLAS has one thread. Times are processor time of the thread that works, so that others on the
+machine disturb them less; what is compared is measured in turn.
+"""
+
+import argparse
+import dataclasses
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import threadpoolctl
+
+from vislam_ros.cli.exit_codes import FAILED, OK
+from vislam_ros.cli.parameters import RunParameters, run_parameters
+from vislam_ros.core.settings import ESTIMATORS
+from vislam_ros.data.benchmark import step_times
+from vislam_ros.data.benchmark.drive_times import can_smooth, solve_as_command, solve_here
+from vislam_ros.data.benchmark.gtsam_runs import gtsam_is_installed
+from vislam_ros.data.benchmark.machine import describe_machine
+from vislam_ros.data.benchmark.peer_comparison import PeerComparison
+from vislam_ros.data.benchmark.recorded_drive import first_steps
+from vislam_ros.data.benchmark.report_table import print_report
+from vislam_ros.data.loading import load_drive
+from vislam_ros.data.simulated_file import write_simulated
+from vislam_ros.data.simulation import SimulationSettings, simulate
+from vislam_ros.data.trajectory import read_tum
+from vislam_ros.data.whole_file import refuse_existing, replace_file
+from vislam_ros.errors import VislamError
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SHARED_DATA = Path(os.environ.get("VISLAM_SHARED_DATA", REPOSITORY.parent / "shared" / "data"))
+LONG_DRIVE = SHARED_DATA / "10_synthetic.npz"
+
+# Where there is no such drive, one that is much like it.
+SIMULATED = SimulationSettings(
+    steps=3026,
+    landmarks=13289,
+    velocity_noise_std=0.02,
+    angular_velocity_noise_std=0.005,
+    gyro_bias=(-0.01, -0.01, -0.01),
+    frozen_share=0.147,
+)
+SECTIONS = "abcde"
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Measure, print and write; return the exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        refuse_existing(arguments.out, force=arguments.force)
+        report = measure(arguments)
+        content = json.dumps(report, indent=2) + "\n"
+        replace_file(arguments.out, content.encode("utf-8"))
+    except VislamError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return FAILED
+    print_report(report)
+    print(f"written to {arguments.out}")
+    return OK
+
+
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure the sections that were asked for."""
+    parameters = run_parameters(arguments)
+    effort = step_times.Effort(rounds=3, block=3) if arguments.quick else step_times.Effort()
+    with threadpoolctl.threadpool_limits(1):
+        report: dict[str, Any] = {
+            "machine": describe_machine(),
+            "clock": "one BLAS thread; processor time of the thread that works, medians",
+            "estimator": parameters.slam.estimator,
+            "settings": dataclasses.asdict(parameters.slam),
+            "notes": [],
+        }
+        slam = parameters.slam
+        if "a" in arguments.only:
+            _say("a: the step and the LAPACK floor")
+            report["floor"] = [
+                step_times.above_the_floor(slam, active, effort, turnover=turnover)
+                for active in (66, 150)
+                for turnover in (False, True)
+            ]
+        if "b" in arguments.only:
+            _say("b: the dense filter")
+            sizes = (500,) if arguments.quick else (500, 1000, 2000)
+            report["dense"] = step_times.beside_the_dense_filter(slam, 66, sizes, effort)
+        if "c" in arguments.only:
+            _say("c: growth")
+            report["map_growth"] = step_times.growth_with_the_map(
+                slam, 66, (500, 2000, 13289), effort
+            )
+            counts = (20, 100) if arguments.quick else (20, 40, 66, 100, 150, 200)
+            report["view_growth"] = [
+                step_times.above_the_floor(slam, active, effort, turnover=True)
+                for active in counts
+            ]
+        if set("de") & set(arguments.only):
+            _measure_drive(arguments, parameters, report)
+    return report
+
+
+def _measure_drive(
+    arguments: argparse.Namespace, parameters: RunParameters, report: dict[str, Any]
+) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        data, reference_path = _drive_files(arguments, Path(folder))
+        drive = load_drive(data)
+        reference = read_tum(reference_path) if reference_path else None
+        report["data"] = drive.name
+        if "d" in arguments.only:
+            _say(f"d: {data.name}, whole")
+            rows = [solve_here(drive, parameters.slam, parameters.prediction, reference)]
+            options = ["--estimator", parameters.slam.estimator]
+            if arguments.params:
+                options += ["--params", str(arguments.params)]
+            rows.append(solve_as_command(data, options, reference_path))
+            if can_smooth():
+                rows.append(solve_as_command(data, [*options, "--smooth"], reference_path))
+            else:
+                report["notes"].append("vislam solve has no --smooth: that row is left out")
+            report["drive"] = rows
+        if "e" not in arguments.only:
+            return
+        if reference is None:
+            report["notes"].append("peers need --reference for their errors: left out")
+            return
+        if not gtsam_is_installed():
+            report["notes"].append("GTSAM is not installed: pip install gtsam to have the peers")
+        steps = min(arguments.peer_steps, 150) if arguments.quick else arguments.peer_steps
+        comparison = PeerComparison(
+            first_steps(drive, steps),
+            reference,
+            parameters.slam,
+            parameters.prediction,
+            on_progress=lambda what: _say(f"e: {what}"),
+        )
+        report["peers"] = comparison.run()
+
+
+def _drive_files(arguments: argparse.Namespace, folder: Path) -> tuple[Path, Path | None]:
+    """Dataset and reference: those given, the long drive of the shared data, or a simulation."""
+    data = arguments.data or (LONG_DRIVE if LONG_DRIVE.is_file() else None)
+    if data is None:
+        _say("simulating a drive")
+        data = folder / "simulated.npz"
+        return data, write_simulated(data, simulate(SIMULATED))
+    name = f"{data.stem}.tum"
+    beside = [data.with_name(name), data.parent / "ground_truth" / name]
+    return data, arguments.reference or next(filter(Path.is_file, beside), None)
+
+
+def _say(what: str) -> None:
+    print(what, file=sys.stderr, flush=True)
+
+
+def _sections(text: str) -> set[str]:
+    sections = set(text.replace(",", ""))
+    if not sections or sections - set(SECTIONS):
+        raise argparse.ArgumentTypeError(f"{text}: name some of {', '.join(SECTIONS)}")
+    return sections
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add: Callable[..., Any] = parser.add_argument
+    add("--only", type=_sections, default=set(SECTIONS), metavar="a,c", help="these sections")
+    add("--quick", action="store_true", help="fewer repeats and sizes, to see that all works")
+    add("--data", type=Path, metavar="FILE", help="dataset or bag of d and e")
+    add("--reference", type=Path, metavar="REF.tum", help="its reference, if not beside it")
+    add("--peer-steps", type=int, default=1000, metavar="N", help="of the drive, for e (1000)")
+    add("--params", type=Path, metavar="FILE", help="ROS parameter file (config/ekf.yaml)")
+    add("--estimator", choices=ESTIMATORS)
+    add("--out", type=Path, default=Path("bench.json"), metavar="FILE", help="(bench.json)")
+    add("--force", action="store_true", help="replace FILE")
+    parser.set_defaults(fraction=None, seed=None, map=None)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

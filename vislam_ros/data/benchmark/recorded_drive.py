@@ -1,0 +1,132 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A drive solved while its filter is watched, so that others can be given what the filter had."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core import se3
+from vislam_ros.core.dead_reckoning import DeadReckoning
+from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.slam import SlamStep
+from vislam_ros.data.benchmark.interleaving import cpu_clock
+from vislam_ros.data.benchmark.watched_slam import FilterStep, WatchedSlam
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.evaluation import associate
+from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
+
+# White noise of unit variance has third differences of variance 1 + 9 + 9 + 1, and its standard
+# deviation is 1.4826 times its median absolute deviation.
+_STD_OF_THIRD_DIFFERENCE = np.sqrt(20.0)
+_STD_OF_MEDIAN = 1.4826
+
+
+@dataclass(frozen=True)
+class RecordedDrive:
+    """What a filter had and what it made of it.
+
+    Attributes
+    ----------
+    steps : tuple of SlamStep
+    filter_steps : tuple of FilterStep
+        One for each of the steps.
+    step_seconds : ndarray, (T,)
+        Processor time of each whole step.
+    """
+
+    steps: tuple[SlamStep, ...]
+    filter_steps: tuple[FilterStep, ...]
+    step_seconds: NDArray[np.float64]
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Poses of the steps."""
+        return Trajectory(
+            np.array([step.stamp for step in self.steps], dtype=np.int64),
+            np.array([step.position for step in self.steps]).reshape(-1, 3),
+            np.array([step.quaternion for step in self.steps]).reshape(-1, 4),
+        )
+
+
+def record(
+    drive: Drive, slam_settings: SlamSettings, prediction_settings: PredictionSettings
+) -> RecordedDrive:
+    """Feed a drive to the session as :func:`vislam_ros.data.solving.solve` does."""
+    reckoning = DeadReckoning(prediction_settings)
+    filter_steps: list[FilterStep] = []
+    steps: list[SlamStep] = []
+    seconds: list[float] = []
+    slam = WatchedSlam(slam_settings, filter_steps.append)
+    slam.set_camera(drive.camera)
+    stamps = np.concatenate([drive.twist_stamps, drive.feature_stamps])
+    for place in np.argsort(stamps, kind="stable").tolist():
+        k = place - len(drive.twist_stamps)
+        begin = cpu_clock()
+        if k < 0:
+            prediction = reckoning.add_twist(int(drive.twist_stamps[place]), drive.twists[place])
+            if prediction is None:
+                continue
+            ready = slam.add_prediction(
+                prediction.stamp, prediction.position, prediction.quaternion
+            )
+        else:
+            ready = slam.add_features(int(drive.feature_stamps[k]), *drive.frame(k))
+        if ready:
+            seconds += [(cpu_clock() - begin) / len(ready)] * len(ready)
+            steps += ready
+    return RecordedDrive(tuple(steps), tuple(filter_steps), np.array(seconds))
+
+
+def first_steps(drive: Drive, count: int) -> Drive:
+    """Cut a drive off after its first feature frames."""
+    if count >= drive.steps:
+        return drive
+    last = drive.feature_stamps[count - 1]
+    twists = drive.twist_stamps <= last
+    rows = drive.offsets[count]
+    return dataclasses.replace(
+        drive,
+        twist_stamps=drive.twist_stamps[twists],
+        twists=drive.twists[twists],
+        feature_stamps=drive.feature_stamps[:count],
+        offsets=drive.offsets[: count + 1],
+        ids=drive.ids[:rows],
+        pixels=drive.pixels[:rows],
+    )
+
+
+def white_twist_noise(drive: Drive) -> tuple[float, float]:
+    """Standard deviations of the white noise of velocity (m/s) and angular velocity (rad/s).
+
+    Read off the twists: three differences in a row leave little of the motion itself, and the
+    median little of its jerks.
+    """
+    third = np.median(np.abs(np.diff(drive.twists, 3, axis=0)), axis=0)
+    std = _STD_OF_MEDIAN * third / _STD_OF_THIRD_DIFFERENCE
+    return float(np.median(std[:3])), float(np.median(std[3:]))
+
+
+def given_gyro_bias(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:
+    """Bias (3,) that the angular velocities have on average against a reference, rad/s.
+
+    Parameters
+    ----------
+    drive : Drive
+        With a twist at each pose of the reference.
+    reference : Trajectory
+    """
+    rows, twists = associate(reference, _twist_times(drive))
+    consecutive = np.flatnonzero((np.diff(rows) == 1) & (np.diff(twists) == 1))
+    i, k = rows[consecutive], twists[consecutive]
+    R = reference.T_world_body[:, :3, :3]
+    turned = se3.log_rotation(np.swapaxes(R[i], -1, -2) @ R[i + 1])
+    tau = np.diff(drive.twist_stamps)[k] / NANOSECONDS
+    return np.asarray(np.mean(drive.twists[k + 1, 3:] - turned / tau[:, None], axis=0))
+
+
+def _twist_times(drive: Drive) -> Trajectory:
+    n = len(drive.twist_stamps)
+    return Trajectory.from_matrices(drive.twist_stamps, np.broadcast_to(np.eye(4), (n, 4, 4)))
