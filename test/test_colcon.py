@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -137,8 +138,13 @@ def test_the_installed_slam_node_starts_with_ekf_yaml_and_answers_for_its_parame
             assert client.wait_for_services(timeout_sec=30.0), output.read_text()
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
+            # An answer is lost where the server has not yet found the asker: ask again.
+            deadline = time.monotonic() + 40.0
             answer = client.get_parameters(names)
-            executor.spin_until_future_complete(answer, timeout_sec=20.0)
+            executor.spin_until_future_complete(answer, timeout_sec=5.0)
+            while not answer.done() and time.monotonic() < deadline:
+                answer = client.get_parameters(names)
+                executor.spin_until_future_complete(answer, timeout_sec=5.0)
             assert answer.done(), output.read_text()
             values = [
                 rclpy.parameter.parameter_value_to_python(value)

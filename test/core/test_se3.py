@@ -109,3 +109,10 @@ def test_the_right_jacobian_is_the_derivative_of_exp(xi, d):
     step = 1e-6 * d
     expected = se3.log(se3.inverse(se3.exp(xi - step)) @ se3.exp(xi + step)) / 2e-6
     assert_allclose(se3.right_jacobian(xi) @ d, expected, atol=1e-6)
+
+
+def test_the_right_jacobian_holds_for_many_turns():
+    xi, d = np.array([1.0, -2, 3, 30, -20, 40]), np.array([0.3, -0.1, 0.2, 0.1, 0.4, -0.2])
+    step = 1e-6 * d
+    expected = se3.log(se3.inverse(se3.exp(xi - step)) @ se3.exp(xi + step)) / 2e-6
+    assert_allclose(se3.right_jacobian(xi) @ d, expected, atol=1e-6)

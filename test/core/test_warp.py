@@ -69,3 +69,9 @@ def test_with_a_lens_every_derivative_is_the_finite_difference(motion, kappa):
         lambda k: warp(CAMERA, POINTS, motion, float(k[0])).y, np.array([kappa]), 1e-5
     )
     assert_allclose(warped.by_kappa, by_kappa[..., 0], rtol=1e-5, atol=1e-4)
+
+
+def test_a_ray_wider_than_any_lens_is_not_followed():
+    wide = warp(CAMERA, image_points(np.array([20.0])), se3.exp([0, 0, 0, 0, 0, 1.3]), -0.013)
+    assert not wide.ahead[0]
+    assert np.all(np.isfinite(wide.y))

@@ -53,6 +53,9 @@ _SMALL = 16
 # Before the first motion nothing is known of the twist but that it is a vehicle's.
 _FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
 
+# Nothing moves in less than this, and no twist can be told from it [s].
+_SHORTEST_STEP = 1e-4
+
 # A landmark has a position in metres where its disparity is positive beyond doubt; nearer to zero
 # than this many standard deviations no Gaussian in metres describes it.
 _SIGNIFICANT_DISPARITY = 2.0
@@ -135,18 +138,20 @@ class RobocentricFilter:
         if self._tape is not None:
             self._tape.begin_step(self.covariance)
         self._retire(np.isin(self.keys, frame.ended))
-        if increment.duration > 0:
+        passed = np.empty(0, dtype=np.int64)
+        if increment.duration > _SHORTEST_STEP:
             self._measure_twist(increment)
-            self._move(increment.duration)
+            passed = self._move(increment.duration)
         known = np.isin(frame.keys, self.keys)
         outcome = self._correct(frame.keys[known], frame.pixels[known])
         self._retire(np.isin(self.keys, outcome.rejected))
-        self._admit(frame.keys[~known], frame.pixels[~known], frame.copied[~known])
+        # What the body has passed cannot be what is seen: its track begins anew at the next frame.
+        new = ~known & ~np.isin(frame.keys, passed)
+        self._admit(frame.keys[new], frame.pixels[new], frame.copied[new])
         if self._tape is not None:
             self._tape.record(PoseMark(self.T_world_body))
-        return Outcome(
-            outcome.used, int(np.sum(~known)), outcome.rejected, outcome.nis, outcome.nis_dof
-        )
+        rejected = np.concatenate([outcome.rejected, np.intersect1d(passed, frame.keys)])
+        return Outcome(outcome.used, int(np.sum(new)), rejected, outcome.nis, outcome.nis_dof)
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
@@ -182,12 +187,13 @@ class RobocentricFilter:
             self._tape.record(Transition(np.eye(_SMALL), noise))
             self._tape.record(Correction(residual[None], R, H_small=H[None]))
 
-    def _move(self, tau: float) -> None:
-        """Move the body and warp every landmark by the twist's motion."""
+    def _move(self, tau: float) -> Keys:
+        """Move the body and warp every landmark; return the keys of those it has passed."""
         motion = se3.exp(tau * self.twist)
         by_twist = tau * se3.right_jacobian(tau * self.twist)
         warped = warp(self._camera, self.image_points, motion, self.kappa)
-        if not np.all(warped.ahead):
+        passed = self.keys[~warped.ahead]
+        if len(passed):
             self._retire(~warped.ahead)
             warped = warp(self._camera, self.image_points, motion, self.kappa)
         small = np.eye(_SMALL)
@@ -202,6 +208,7 @@ class RobocentricFilter:
         self.image_points = warped.y
         if self._tape is not None:
             self._tape.record(transition)
+        return passed
 
     def _correct(self, keys: Keys, pixels: Array) -> Outcome:
         """Correct by the observations of active landmarks that pass the gates."""

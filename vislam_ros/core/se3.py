@@ -6,6 +6,8 @@ Every function takes leading batch dimensions. The tangent is ``xi = [rho; theta
 follow Barfoot, *State Estimation for Robotics* (2017), chapter 7, with errors on the right.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -177,7 +179,8 @@ def adjoint(T: ArrayLike) -> Array:
 def right_jacobian(xi: ArrayLike) -> Array:
     """Right Jacobian of the exponential: ``Exp(xi + d) = Exp(xi) Exp(J_r(xi) d)`` to first order.
 
-    Sums ``(-ad(xi))^k / (k + 1)!`` (Barfoot, eq. 7.76) until the terms no longer count.
+    Sums ``(-ad(xi))^k / (k + 1)!`` (Barfoot, eq. 7.76) for a part of xi that turns by less than a
+    radian, then doubles: ``J_r(2 xi) = (I + Ad(Exp(-xi))) J_r(xi) / 2``.
 
     Parameters
     ----------
@@ -188,15 +191,18 @@ def right_jacobian(xi: ArrayLike) -> Array:
     ndarray, (6, 6)
     """
     xi = np.asarray(xi, dtype=float)
+    doublings = math.ceil(math.log2(max(float(np.linalg.norm(xi[3:])), 1.0)))
+    part = xi / 2.0**doublings
     minus_ad = np.zeros((6, 6))
-    minus_ad[:3, :3] = minus_ad[3:, 3:] = -hat(xi[3:])
-    minus_ad[:3, 3:] = -hat(xi[:3])
+    minus_ad[:3, :3] = minus_ad[3:, 3:] = -hat(part[3:])
+    minus_ad[:3, 3:] = -hat(part[:3])
     J = term = np.eye(6)
-    k = 1
-    while np.max(np.abs(term)) > 1e-17:
-        k += 1
+    for k in range(2, 22):
         term = term @ minus_ad / k
         J = J + term
+    for _ in range(doublings):
+        J = 0.5 * (J + adjoint(exp(-part)) @ J)
+        part = 2 * part
     return J
 
 

@@ -50,8 +50,6 @@ class TwistNoise:
         if count == 0:
             return self._prior
         median = np.median(np.array(self._differences), axis=0)
-        # A sensor's white noise is alike on its three axes; motion only ever adds to it.
-        median = np.repeat([median[:3].min(), median[3:].min()], 3)
         measured = _MEDIAN_TO_STD * median / np.sqrt(_VARIANCE_RATIO)
         # The prior fades fast, for it may be a hundredfold off.
         weight = _PRIOR_WEIGHT / max(1.0, (count / 5) ** 2)

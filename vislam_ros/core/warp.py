@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 # A point whose depth shrinks to less than this share of its old one has passed the camera.
 _MIN_DEPTH_RATIO = 0.05
+# Square of the tangent of the widest angle at which a landmark is still followed, 63 degrees.
+_MAX_RAY_SQUARED = 4.0
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Warp:
     by_kappa : ndarray, (n, 3)
         Derivative by the lens's distortion.
     ahead : ndarray of bool, (n,)
-        Whether the point still lies ahead of the camera; the rest holds no meaning where not.
+        Whether the point still lies ahead of the camera and within the reach of a lens; the rest
+        holds no meaning where not.
     """
 
     y: Array
@@ -62,6 +65,10 @@ def warp(camera: StereoCamera, y: Array, T_old_new: Array, kappa: float = 0.0) -
     """
     straight, by_y, shift = corrected(camera, y, kappa)
     warped = _warp_straight(camera, straight, T_old_new)
+    # The lens's polynomial holds for what a camera can see; far outside it folds.
+    r2 = ((warped.y - [camera.cx, camera.cx, camera.cy]) / [camera.fx, camera.fx, camera.fy]) ** 2
+    in_reach = np.max(r2[:, :2], axis=1) + r2[:, 2] < _MAX_RAY_SQUARED
+    warped.y[~in_reach] = (camera.cx, camera.cx, camera.cy)
     y_new, by_straight, by_kappa = distorted(camera, warped.y, kappa)
     by_old = by_straight @ warped.F_y
     return Warp(
@@ -69,7 +76,7 @@ def warp(camera: StereoCamera, y: Array, T_old_new: Array, kappa: float = 0.0) -
         F_y=by_old @ by_y,
         G=by_straight @ warped.G,
         by_kappa=(by_old @ shift[..., None])[..., 0] + by_kappa,
-        ahead=warped.ahead,
+        ahead=warped.ahead & in_reach,
     )
 
 

@@ -12,6 +12,8 @@ import numpy as np
 import scipy
 import threadpoolctl
 
+import vislam_ros
+
 
 def describe_machine() -> dict[str, Any]:
     """Processor, cores, load, versions and the BLAS libraries with their threads as they are."""
@@ -25,7 +27,7 @@ def describe_machine() -> dict[str, Any]:
         "numpy": np.__version__,
         "scipy": scipy.__version__,
         "gtsam": _version("gtsam"),
-        "vislam_ros": _version("vislam_ros"),
+        "vislam_ros": vislam_ros.__version__,
         "blas": sorted(
             f"{library['internal_api']} {library['version']} ({library['architecture']}, "
             f"{library['num_threads']} threads) of {Path(library['filepath']).parent.name}"
