@@ -75,6 +75,10 @@ def _spin(node: Node) -> None:
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RuntimeError:
+        # A signal may shut the context down between any two calls of the executor.
+        if ok():
+            raise
     finally:
         executor.shutdown()
         node.destroy_node()
