@@ -28,8 +28,9 @@ import threadpoolctl
 from vislam_ros.cli.exit_codes import FAILED, OK
 from vislam_ros.cli.parameters import RunParameters, run_parameters
 from vislam_ros.core.settings import ESTIMATORS
+from vislam_ros.core.slam import SMOOTHABLE
 from vislam_ros.data.benchmark import step_times
-from vislam_ros.data.benchmark.drive_times import can_smooth, solve_as_command, solve_here
+from vislam_ros.data.benchmark.drive_times import solve_as_command, solve_here
 from vislam_ros.data.benchmark.gtsam_runs import gtsam_is_installed
 from vislam_ros.data.benchmark.machine import describe_machine
 from vislam_ros.data.benchmark.peer_comparison import PeerComparison
@@ -128,10 +129,12 @@ def _measure_drive(
             if arguments.params:
                 options += ["--params", str(arguments.params)]
             rows.append(solve_as_command(data, options, reference_path))
-            if can_smooth():
+            if parameters.slam.estimator in SMOOTHABLE:
                 rows.append(solve_as_command(data, [*options, "--smooth"], reference_path))
             else:
-                report["notes"].append("vislam solve has no --smooth: that row is left out")
+                report["notes"].append(
+                    f"{parameters.slam.estimator} cannot be smoothed: that row is left out"
+                )
             report["drive"] = rows
         if "e" not in arguments.only:
             return

@@ -157,6 +157,13 @@ class StereoCamera:
         J[..., 1, 2] = p[..., 2] / self.fy
         return J
 
+    def rays(self, y: Array) -> tuple[Array, Array]:
+        """Rays (..., 3) of depth 1 and inverse depths (...), 1/m, of image points (..., 3)."""
+        ray = np.ones_like(y)
+        ray[..., 0] = (y[..., 0] - self.cx) / self.fx
+        ray[..., 1] = (y[..., 2] - self.cy) / self.fy
+        return ray, (y[..., 0] - y[..., 1]) / self.fx_baseline
+
     def warp(self, y: ArrayLike, T_new_old: ArrayLike) -> Array:
         """Image points after the left camera has moved: project after triangulate, in one.
 
@@ -174,14 +181,10 @@ class StereoCamera:
         ndarray, (..., 3)
             ``(u_left, u_right, v)`` in the new frame, pixels.
         """
-        y = np.asarray(y, dtype=float)
         T = np.asarray(T_new_old, dtype=float)
-        ray = np.ones_like(y)
-        ray[..., 0] = (y[..., 0] - self.cx) / self.fx
-        ray[..., 1] = (y[..., 2] - self.cy) / self.fy
-        inverse_depth = (y[..., 0] - y[..., 1]) / self.fx_baseline
+        ray, inverse_depth = self.rays(np.asarray(y, dtype=float))
         moved = ray @ T[:3, :3].T + inverse_depth[..., None] * T[:3, 3]
-        warped = np.empty_like(y)
+        warped = np.empty_like(moved)
         warped[..., 0] = self.fx * moved[..., 0] / moved[..., 2] + self.cx
         warped[..., 1] = warped[..., 0] - self.fx_baseline * inverse_depth / moved[..., 2]
         warped[..., 2] = self.fy * moved[..., 1] / moved[..., 2] + self.cy

@@ -85,10 +85,7 @@ def _warp_straight(camera: StereoCamera, y: Array, T_old_new: Array) -> Warp:
     T = camera.T_camera_body @ se3.inverse(T_old_new) @ camera.T_body_camera
     R, t = T[:3, :3], T[:3, 3]
     fx, fy, fxb = camera.fx, camera.fy, camera.fx_baseline
-    ray = np.ones_like(y)
-    ray[:, 0] = (y[:, 0] - camera.cx) / fx
-    ray[:, 1] = (y[:, 2] - camera.cy) / fy
-    inverse_depth = (y[:, 0] - y[:, 1]) / fxb
+    ray, inverse_depth = camera.rays(y)
     moved = ray @ R.T + inverse_depth[:, None] * t
     ahead = moved[:, 2] > _MIN_DEPTH_RATIO
     moved[~ahead] = (0.0, 0.0, 1.0)

@@ -25,7 +25,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.data.landmark_map import write_landmarks, write_point_cloud
 from vislam_ros.data.parameter_file import write_parameters
 from vislam_ros.data.summary import RunSummary, StepStatistics
-from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line
+from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line, tum_text
 from vislam_ros.data.whole_file import replace_file
 from vislam_ros.errors import VislamError
 
@@ -202,9 +202,7 @@ class ResultWriter:
 
     def set_smoothed(self, trajectory: Trajectory, covariances: ArrayLike) -> None:
         """Write the smoothed poses and their covariances (N, 6, 6), as for :meth:`add_pose`."""
-        lines = map(tum_line, trajectory.stamps, trajectory.positions, trajectory.quaternions)
-        text = "".join(f"{line}\n" for line in lines)
-        replace_file(self.directory / "smoothed.tum", text.encode("ascii"))
+        replace_file(self.directory / "smoothed.tum", tum_text(trajectory).encode("ascii"))
         table = io.StringIO()
         rows = csv.writer(table, lineterminator="\n")
         rows.writerow(COVARIANCE_COLUMNS)

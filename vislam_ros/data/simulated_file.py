@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulation import BASELINE, INTRINSICS, T_BODY_CAMERA, SimulatedDrive
 from vislam_ros.data.sparse_features import ABSENT
-from vislam_ros.data.trajectory import tum_line
+from vislam_ros.data.trajectory import tum_text
 from vislam_ros.data.whole_file import refuse_existing, replace_file
 from vislam_ros.errors import VislamError
 
@@ -68,13 +68,7 @@ def write_simulated(path: Path, simulated: SimulatedDrive, *, force: bool = Fals
                 np.lib.format.write_array(file, np.ascontiguousarray(array))
     truth = drive.ground_truth
     assert truth is not None
-    lines = (
-        tum_line(int(stamp), position, quaternion)
-        for stamp, position, quaternion in zip(
-            truth.stamps, truth.positions, truth.quaternions, strict=True
-        )
-    )
-    replace_file(truth_path, "".join(f"{line}\n" for line in lines).encode("ascii"))
+    replace_file(truth_path, tum_text(truth).encode("ascii"))
     replace_file(path, content.getvalue())
     return truth_path
 

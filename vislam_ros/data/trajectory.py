@@ -76,15 +76,15 @@ def tum_line(stamp: int, position: Iterable[float], quaternion: Iterable[float])
     return f"{stamp_text(stamp)} {numbers}"
 
 
+def tum_text(trajectory: Trajectory) -> str:
+    """Text of a TUM file."""
+    lines = map(tum_line, trajectory.stamps.tolist(), trajectory.positions, trajectory.quaternions)
+    return "".join(f"{line}\n" for line in lines)
+
+
 def write_tum(path: Path, trajectory: Trajectory) -> None:
     """Write a TUM file."""
-    lines = (
-        tum_line(int(stamp), position, quaternion)
-        for stamp, position, quaternion in zip(
-            trajectory.stamps, trajectory.positions, trajectory.quaternions, strict=True
-        )
-    )
-    path.write_text("".join(f"{line}\n" for line in lines), encoding="ascii")
+    path.write_text(tum_text(trajectory), encoding="ascii")
 
 
 def read_tum(path: Path) -> Trajectory:

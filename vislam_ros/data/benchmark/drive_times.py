@@ -102,19 +102,6 @@ def solve_as_command(
     }
 
 
-def can_smooth() -> bool:
-    """Whether ``vislam solve`` has ``--smooth``."""
-    said = subprocess.run(
-        [*_VISLAM, "solve", "--help"],
-        env=_environment(),
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    )
-    return "--smooth" in said.stdout
-
-
 _VISLAM = [sys.executable, "-m", "vislam_ros.cli.main"]
 
 
