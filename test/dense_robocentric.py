@@ -53,10 +53,9 @@ def shift(camera: StereoCamera, y: Complex) -> Complex:
     )
 
 
-def homogeneous(camera: StereoCamera, y: Complex, kappa: complex) -> Complex:
+def homogeneous(camera: StereoCamera, straight: Complex) -> Complex:
     """Points (n, 4) in the left camera, ``(x / z, y / z, 1, 1 / z)``."""
-    straight = y + kappa * shift(camera, y)
-    ones = np.ones(len(y))
+    ones = np.ones(len(straight))
     return np.column_stack(
         [
             (straight[:, 0] - camera.cx) / camera.fx,
@@ -68,29 +67,23 @@ def homogeneous(camera: StereoCamera, y: Complex, kappa: complex) -> Complex:
 
 
 def warped(
-    camera: StereoCamera, y: Complex, twist: Complex, kappa: complex, tau: float
+    camera: StereoCamera, y: Complex, twist: Complex, tau: float
 ) -> tuple[Complex, NDArray[np.bool_]]:
     """Image points (n, 3) after a motion, and which of them are still well ahead."""
     moved = (
-        homogeneous(camera, y, kappa)
+        homogeneous(camera, y)
         @ (camera.T_camera_body @ expm(-tau * twist_matrix(twist)) @ camera.T_body_camera).T
     )
     ahead = moved[:, 2].real > 0.05
     moved[~ahead] = (0.0, 0.0, 1.0, 0.0)
     x, v, w = moved[:, 0] / moved[:, 2], moved[:, 1] / moved[:, 2], moved[:, 3] / moved[:, 2]
     u = camera.fx * x + camera.cx
-    straight = np.column_stack([u, u - camera.fx_baseline * w, camera.fy * v + camera.cy])
-    result = straight
-    for _ in range(40):
-        result = straight - kappa * shift(camera, result)
-    return result, ahead
+    return np.column_stack([u, u - camera.fx_baseline * w, camera.fy * v + camera.cy]), ahead
 
 
-def world_positions(
-    camera: StereoCamera, T_world_body: Complex, y: Complex, kappa: complex
-) -> Complex:
+def world_positions(camera: StereoCamera, T_world_body: Complex, y: Complex) -> Complex:
     """World positions (n, 3) of image points."""
-    points = homogeneous(camera, y, kappa) @ (T_world_body @ camera.T_body_camera).T
+    points = homogeneous(camera, y) @ (T_world_body @ camera.T_body_camera).T
     return points[:, :3] / points[:, 3:]
 
 
@@ -99,6 +92,27 @@ def complex_step(f: Callable[[Complex], Complex], x: Array) -> Array:
     h = 1e-30
     steps = 1j * h * np.eye(len(x))
     return np.stack([f(x + step).imag / h for step in steps], axis=-1)
+
+
+def agreeing(gate: float, residual: Array, S: Array, kept: list[int]) -> list[bool]:
+    """Which of some innovations (n, 3) stay when those that the others contradict have gone."""
+    remaining = list(kept)
+    while gate > 0 and remaining:
+        distances = []
+        for i in remaining:
+            own = 3 * i + np.arange(3)
+            others = np.concatenate([[], *(3 * j + np.arange(3) for j in remaining if j != i)])
+            others = others.astype(int)
+            gain = S[np.ix_(own, others)] @ np.linalg.inv(S[np.ix_(others, others)])
+            error = residual[i] - gain @ residual.ravel()[others]
+            covariance = S[np.ix_(own, own)] - gain @ S[np.ix_(others, own)]
+            distances.append(error @ np.linalg.solve(covariance, error))
+        bound = max(gate, 0.5 * max(distances))
+        agreed = [d <= bound for d in distances]
+        if max(distances) <= gate:
+            break
+        remaining = [i for i, good in zip(remaining, agreed, strict=True) if good]
+    return [i in remaining for i in kept]
 
 
 class DenseRobocentricFilter:
@@ -166,7 +180,6 @@ class DenseRobocentricFilter:
         rejected = []
         if len(known) >= self.settings.min_observations:
             rejected = self.correct([keys[i] for i in known], frame.pixels[known])
-        self.end(rejected)
         for i in new:
             self.admit(keys[i], frame.pixels[i], bool(frame.copied[i]))
         if self.clone_poses:
@@ -189,7 +202,7 @@ class DenseRobocentricFilter:
         camera, estimate = self.camera, self.estimate
         self.leave_out_of_view()
         rows = self.rows_of(self.warped_places)
-        _, ahead = warped(camera, estimate[rows], estimate[TWIST], estimate[LENS], tau)
+        _, ahead = warped(camera, estimate[rows], estimate[TWIST], tau)
         lost = {place for place, good in zip(self.warped_places, ahead, strict=True) if not good}
         passed = [key for key, place in self.place_of_key.items() if place in lost]
         self.passed += len(passed)
@@ -197,7 +210,9 @@ class DenseRobocentricFilter:
         self.warped_places = [place for place in self.warped_places if place not in lost]
 
         rows = self.rows_of(self.warped_places)
-        y, twist, kappa = estimate[rows], estimate[TWIST], estimate[LENS]
+        y, twist = estimate[rows], estimate[TWIST]
+        y_new = warped(camera, y, twist, tau)[0].real
+        D, D_new = shift(camera, y).real, shift(camera, y_new).real
         motion = se3.exp(tau * twist)
         F = np.eye(len(self.P))
 
@@ -210,22 +225,25 @@ class DenseRobocentricFilter:
             return np.array([E[0, 3], E[1, 3], E[2, 3], E[2, 1], E[0, 2], E[1, 0]])
 
         F[POSE, :12] = complex_step(pose_error, np.zeros(12))
-        by_twist = complex_step(lambda u: warped(camera, y, u, kappa, tau)[0], twist)
-        by_lens = complex_step(lambda k: warped(camera, y, twist, k[0], tau)[0], np.array([kappa]))
-        by_own = complex_step(lambda d: warped(camera, y + d, twist, kappa, tau)[0], np.zeros(3))
+        by_twist = complex_step(lambda u: warped(camera, y, u, tau)[0], twist)
+        # The true point is y + delta + D delta_kappa, before as after.
+        by_lens = complex_step(
+            lambda k: warped(camera, y + k[0] * D, twist, tau)[0] - k[0] * D_new, np.zeros(1)
+        )
+        by_own = complex_step(lambda d: warped(camera, y + d, twist, tau)[0], np.zeros(3))
         for i, own in enumerate(rows):
             F[own, TWIST] = by_twist[i]
             F[own, LENS] = by_lens[i, :, 0]
             F[np.ix_(own, own)] = by_own[i]
         self.P = F @ self.P @ F.T
         self.T_world_body = self.T_world_body @ motion
-        self.estimate[rows] = warped(camera, y, twist, kappa, tau)[0].real
+        self.estimate[rows] = y_new
 
     def leave_out_of_view(self) -> None:
         """Let ended landmarks rest where no lens could show them: its polynomial is none there."""
         in_use = set(self.place_of_key.values())
         y = self.estimate[self.rows_of(self.warped_places)]
-        ray = homogeneous(self.camera, y, 0.0)[:, :2].real
+        ray = homogeneous(self.camera, y)[:, :2].real
         self.warped_places = [
             place
             for place, seen in zip(self.warped_places, np.abs(ray).max(axis=1) < 1.5, strict=True)
@@ -236,16 +254,23 @@ class DenseRobocentricFilter:
         rows = self.rows_of([self.place_of_key[key] for key in keys])
         information = FOUR_ROWS.T @ np.linalg.inv(self.V) @ FOUR_ROWS
         noise = np.linalg.inv(information)
-        image_points = pixels @ np.linalg.inv(self.V) @ FOUR_ROWS @ noise
+        z = pixels @ np.linalg.inv(self.V) @ FOUR_ROWS @ noise
+        residual = z + self.estimate[LENS] * shift(self.camera, z).real - self.estimate[rows]
         own = np.array([self.P[np.ix_(row, row)] + noise for row in rows])
-        passed = passes_gates(self.settings, image_points - self.estimate[rows], own)
-        H = np.zeros((4 * passed.sum(), len(self.P)))
-        for i, row in enumerate(rows[passed]):
+        kept = np.flatnonzero(passes_gates(self.settings, residual, own))
+        joint = self.P[np.ix_(rows.ravel(), rows.ravel())] + np.kron(np.eye(len(rows)), noise)
+        kept = kept[agreeing(self.settings.chi2_gate, residual, joint, kept.tolist())]
+        rejected = np.delete(keys, kept).tolist()
+        self.end(rejected)
+        H = np.zeros((4 * len(kept), len(self.P)))
+        for i, row in enumerate(rows[kept]):
             H[4 * i : 4 * i + 4, row] = FOUR_ROWS
         if len(H):
-            R = np.asarray(np.kron(np.eye(passed.sum()), self.V), dtype=np.float64)
-            self.update(H, R, pixels[passed].ravel() - H @ self.estimate)
-        return [key for key, good in zip(keys, passed, strict=True) if not good]
+            R = np.asarray(np.kron(np.eye(len(kept)), self.V), dtype=np.float64)
+            # Four rows of which three are told apart: what z leaves of them is noise alone.
+            left = pixels[kept] - z[kept] @ FOUR_ROWS.T
+            self.update(H, R, (residual[kept] @ FOUR_ROWS.T + left).ravel())
+        return rejected
 
     def update(self, H: Array, R: Array, residual: Array) -> None:
         """Update by the textbook, with Joseph's form of the covariance."""
@@ -255,13 +280,17 @@ class DenseRobocentricFilter:
         P = rest @ self.P @ rest.T + K @ R @ K.T
         self.P = 0.5 * (P + P.T)
         self.T_world_body = self.T_world_body @ se3.exp(delta[POSE])
+        rows = self.rows_of(self.warped_places)
+        shifted = shift(self.camera, self.estimate[rows]).real
         self.estimate = self.estimate + delta
+        self.estimate[rows] += delta[LENS] * shifted
         self.estimate[POSE] = 0.0
 
     def admit(self, key: int, pixels: Array, copied: bool) -> None:
         information = FOUR_ROWS.T @ np.linalg.inv(self.V) @ FOUR_ROWS
         noise = np.linalg.inv(information)
-        y = noise @ FOUR_ROWS.T @ np.linalg.inv(self.V) @ pixels
+        z = noise @ FOUR_ROWS.T @ np.linalg.inv(self.V) @ pixels
+        y = z + self.estimate[LENS] * shift(self.camera, z[None])[0].real
         if copied:
             noise[1, 1] += (self.settings.stale_disparity * (y[0] - y[1])) ** 2
         self.place_of_key[key] = len(self.P)
@@ -291,19 +320,19 @@ class DenseRobocentricFilter:
 
     def has_position(self, place: int) -> bool:
         """Whether a landmark's disparity is positive by two standard deviations."""
-        y = self.estimate[place : place + 3]
-        straight = y + self.estimate[LENS] * shift(self.camera, y[None])[0]
+        straight = self.estimate[place : place + 3]
         a = np.array([1.0, -1.0])
         variance = a @ self.P[place : place + 2, place : place + 2] @ a
         return bool(straight[0] - straight[1] > 2 * np.sqrt(variance))
 
     def position(self, place: int) -> tuple[Array, Array]:
         """World position (3,) of an image point, its derivative (3, 19) by small part and it."""
-        y, kappa = self.estimate[place : place + 3], self.estimate[LENS]
+        y = self.estimate[place : place + 3]
+        D = shift(self.camera, y[None])[0].real
 
         def moved(x: Complex) -> Complex:
             T = self.T_world_body @ expm(twist_matrix(x[POSE]))
-            return world_positions(self.camera, T, (y + x[S:])[None], kappa + x[LENS])[0]
+            return world_positions(self.camera, T, (y + x[S:] + x[LENS] * D)[None])[0]
 
         return moved(np.zeros(S + 3)).real, complex_step(moved, np.zeros(S + 3))
 

@@ -56,7 +56,7 @@ def run(
     """Drive a filter step by step; each step's input and outcome."""
     tracks = Tracks(settings.retire_after, settings.frozen_share)
     for k, increment in enumerate(increments(drive, settings)):
-        frame = tracks.observe(*drive.frame(k), motion_expected=k > 0)
+        frame = tracks.observe(*drive.frame(k), motion_expected=lambda moved=k > 0: moved)
         outcome = estimator.step(increment, frame)
         tracks.restart(outcome.rejected)
         yield increment, frame, outcome

@@ -13,12 +13,15 @@ from vislam_ros.core.backward import Smoothed, smooth
 from vislam_ros.core.error_operations import (
     Admission,
     Correction,
+    DirectCorrection,
     Operation,
     PoseMark,
+    RandomWalk,
     Retirement,
     Transition,
 )
 from vislam_ros.core.joint import JointFilter
+from vislam_ros.core.linear_update import Scratch
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tape import Tape
 from vislam_ros.data.drive import Drive
@@ -105,9 +108,9 @@ def test_the_covariance_carried_over_a_stretch_is_the_filters(
     _, recorded = record(drive, settings_of())
     assert len(recorded.stretches) == 6
     for stretch, following in zip(recorded.stretches[:-1], recorded.stretches[1:], strict=True):
-        P = stretch.covariance
+        P, scratch = stretch.covariance.copy(), Scratch()
         for operation in stretch.operations:
-            P, _ = operation.carry(P, recorded.small_size)
+            P, _ = operation.carry(P, recorded.small_size, scratch)
         np.testing.assert_allclose(P, following.covariance, rtol=0, atol=1e-9)
 
 
@@ -179,8 +182,9 @@ class KeepingFilter:
                 if operation.landmarks is not None:
                     F[own, own] = operation.landmarks[i]
                 if operation.coupling is not None:
-                    F[own, :s] = operation.coupling[i]
+                    F[own, 6:s] = operation.coupling[i]
             self.P = F @ self.P @ F.T
+        elif isinstance(operation, RandomWalk):
             self.P[:s, :s] += operation.noise
         elif isinstance(operation, Correction):
             n, r = operation.residual.shape
@@ -194,13 +198,11 @@ class KeepingFilter:
                     H[i, :, place : place + 3] = operation.H_landmark[i]
                 R[i, :, i] = operation.noise if operation.noise.ndim == 2 else operation.noise[i]
             H, R = H.reshape(n * r, total), R.reshape(n * r, n * r)
-            K = self.P @ H.T @ np.linalg.inv(H @ self.P @ H.T + R)
-            shift = K @ operation.residual.ravel()
-            self.P = self.P - K @ H @ self.P
-            place = D
-            for _, estimate in self.kept:
-                estimate += shift[place : place + len(estimate)]
-                place += len(estimate)
+            self._update(H, R, operation.residual.ravel())
+        elif isinstance(operation, DirectCorrection):
+            rows = (s + 3 * operation.slots[:, None] + np.arange(3)).ravel()
+            R = np.diag(np.tile(operation.noise, len(operation.slots)))
+            self._update(np.eye(total)[rows], R, operation.residual.ravel())
         elif isinstance(operation, Retirement):
             J = np.zeros((3 * len(operation.keys), total))
             for i, slot in enumerate(np.flatnonzero(operation.gone)):
@@ -229,6 +231,15 @@ class KeepingFilter:
             self.size += m
         else:
             self._keep(operation, np.eye(6, total), np.zeros(6))
+
+    def _update(self, H: Array, R: Array, residual: Array) -> None:
+        K = self.P @ H.T @ np.linalg.inv(H @ self.P @ H.T + R)
+        shift = K @ residual
+        self.P = self.P - K @ H @ self.P
+        place = self.size
+        for _, estimate in self.kept:
+            estimate += shift[place : place + len(estimate)]
+            place += len(estimate)
 
     def _keep(self, operation: Operation, J: Array, estimate: Array) -> None:
         grow = np.vstack([np.eye(len(self.P)), J])
@@ -269,11 +280,11 @@ def random_operations(rng: np.random.Generator, s: int, steps: int) -> list[list
             if kind == 0:
                 F = np.eye(s) + 0.2 * rng.standard_normal((s, s))
                 blocks = np.eye(3) + 0.2 * rng.standard_normal((n, 3, 3))
-                coupling = 0.3 * rng.standard_normal((n, 3, s))
-                noise = 0.01 * random_positive(rng, s, s)
+                coupling = 0.3 * rng.standard_normal((n, 3, s - 6))
                 done.append(
-                    Transition(F, noise, blocks if some else None, coupling if some else None)
+                    Transition(F, blocks if some else None, coupling if some and n % 2 else None)
                 )
+                done.append(RandomWalk(0.01 * random_positive(rng, s, s)))
             elif kind == 1 and n:
                 seen = rng.permutation(n)[: rng.integers(1, n + 1)]
                 r = int(rng.integers(2, 5))
@@ -282,6 +293,10 @@ def random_operations(rng: np.random.Generator, s: int, steps: int) -> list[list
                 noise = random_positive(rng, *((len(seen), r, r) if some else (r, r)))
                 residual = rng.standard_normal((len(seen), r))
                 done.append(Correction(residual, noise, H_small, H_landmark, seen))
+                # Their own numbers, of some of them or of all.
+                seen = np.arange(n) if some else seen
+                residual = rng.standard_normal((len(seen), 3))
+                done.append(DirectCorrection(residual, rng.uniform(0.3, 2.0, 3), seen))
                 # A measurement of the small part alone, of more rows than it has.
                 H_small = rng.standard_normal((1, s + 1, s))
                 noise = random_positive(rng, s + 1, s + 1)
@@ -312,14 +327,14 @@ def random_operations(rng: np.random.Generator, s: int, steps: int) -> list[list
 def test_any_operations_give_what_a_filter_that_keeps_all_gives(s: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     P = random_positive(rng, s, s)
-    reference, recorded = KeepingFilter(P, s), Tape(s)
-    carried = P
+    reference, recorded, scratch = KeepingFilter(P, s), Tape(s), Scratch()
+    carried = P.copy()
     for step in random_operations(rng, s, 12):
         recorded.begin_step(carried)
         for operation in step:
             recorded.record(operation)
             reference.apply(operation)
-            carried, _ = operation.carry(carried, s)
+            carried, _ = operation.carry(carried, s, scratch)
     exact, smoothed = reference.smoothed(), smooth(recorded)
     np.testing.assert_allclose(
         carried, reference.P[: reference.size, : reference.size], rtol=1e-9, atol=1e-9
@@ -335,8 +350,8 @@ def test_a_tape_is_not_changed_by_what_its_filter_does_to_its_arrays() -> None:
     recorded = Tape(6)
     P, F = np.eye(6), 2 * np.eye(6)
     recorded.begin_step(P)
-    recorded.record(Transition(F, np.eye(6)))
+    recorded.record(Transition(F))
     P[:], F[:] = 0, 0
     (stretch,) = recorded.stretches
-    carried, _ = stretch.operations[0].carry(stretch.covariance, 6)
-    np.testing.assert_array_equal(carried, 5 * np.eye(6))
+    carried, _ = stretch.operations[0].carry(stretch.covariance, 6, Scratch())
+    np.testing.assert_array_equal(carried, 4 * np.eye(6))

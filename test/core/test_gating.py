@@ -2,7 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 
-from vislam_ros.core.gating import mahalanobis_squared, passes_gates
+from vislam_ros.core.gating import (
+    consensus,
+    diagonal_blocks,
+    mahalanobis_squared,
+    passes_gates,
+)
 from vislam_ros.core.settings import SlamSettings
 
 
@@ -37,3 +42,38 @@ def test_a_non_finite_innovation_never_passes():
 
 def test_no_observations_pass_no_gate():
     assert passes_gates(SlamSettings(), np.empty((0, 3)), np.empty((0, 3, 3))).shape == (0,)
+
+
+def shared_motion(count, rng):
+    """Innovations that one uncertain motion moves alike, each with noise of its own."""
+    direction = rng.standard_normal((3 * count, 6))
+    S = 100.0 * direction @ direction.T + np.eye(3 * count)
+    return S, (np.linalg.cholesky(S) @ rng.standard_normal(3 * count)).reshape(count, 3)
+
+
+def test_what_the_others_contradict_is_found_where_its_own_gate_is_wide_open():
+    rng = np.random.default_rng(20)
+    S, residual = shared_motion(30, rng)
+    wrong = [3, 17, 18]
+    residual[wrong] += 8.0 * rng.choice([-1, 1], (3, 3))
+    alone = mahalanobis_squared(residual, diagonal_blocks(S, 3))
+    assert np.all(alone[wrong] < 16.27)
+    agreed = consensus(16.27, residual, np.linalg.inv(S))
+    assert np.setdiff1d(np.arange(30), agreed.kept).tolist() == wrong
+    rows = (3 * agreed.kept[:, None] + np.arange(3)).ravel()
+    np.testing.assert_allclose(agreed.inverse, np.linalg.inv(S[np.ix_(rows, rows)]), atol=1e-9)
+
+
+def test_honest_innovations_are_contradicted_as_often_as_chi_square_says():
+    rng = np.random.default_rng(21)
+    kept = 0
+    for _ in range(200):
+        S, residual = shared_motion(30, rng)
+        kept += len(consensus(16.27, residual, np.linalg.inv(S)).kept)
+    assert 0.0003 < 1 - kept / 6000 < 0.003
+
+
+def test_without_a_gate_all_innovations_agree():
+    agreed = consensus(0.0, np.full((4, 3), 1e6), np.eye(12))
+    assert agreed.kept.tolist() == [0, 1, 2, 3]
+    assert len(consensus(16.27, np.empty((0, 3)), np.empty((0, 0))).kept) == 0

@@ -5,7 +5,15 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from vislam_ros.core.linear_update import correct, mirror_upper
+from vislam_ros.core.linear_update import (
+    Scratch,
+    correct,
+    correct_directly,
+    inverse_of_positive,
+    mirror_lower,
+    mirror_upper,
+    without,
+)
 
 
 def problem(size, rows):
@@ -37,10 +45,64 @@ def test_a_residual_covariance_that_is_not_positive_leaves_all_as_it_was():
     assert np.array_equal(P, before)
 
 
-def test_mirroring_takes_the_upper_triangle_at_every_size():
+@pytest.mark.parametrize("size", [1, 3, 49, 50, 51, 200])
+def test_the_inverse_of_a_positive_matrix_is_symmetric_to_the_last_bit(size):
+    S = problem(size, 1)[0] + np.eye(size)
+    into = np.full((size, size), np.nan)
+    for inverse in (inverse_of_positive(S.copy()), inverse_of_positive(S.copy(), into)):
+        assert_allclose(inverse @ S, np.eye(size), atol=1e-10)
+        assert np.array_equal(inverse, inverse.T)
+    assert np.shares_memory(inverse, into)
+    with pytest.raises(scipy.linalg.LinAlgError, match="not positive"):
+        inverse_of_positive(-S)
+
+
+@pytest.mark.parametrize("whole", [True, False], ids=["all landmarks seen", "some, in any order"])
+def test_correcting_by_components_themselves_is_the_textbook_correction(whole):
+    P, _, _ = problem(40, 1)
+    if whole:
+        seen, rest = slice(10, None), slice(0, 10)
+        places = np.arange(10, 40)
+    else:
+        seen = places = np.random.default_rng(3).permutation(np.arange(10, 40))[:18]
+        rest = np.setdiff1d(np.arange(40), seen)
+    noise = np.resize([0.7, 1.1, 0.4], len(places))
+    H = np.eye(40)[places]
+    S = H @ P @ H.T + np.diag(noise)
+    K = P @ H.T @ np.linalg.inv(S)
+    corrected = P.copy()
+    cross = correct_directly(corrected, seen, rest, noise, np.linalg.inv(S))
+    assert_allclose(corrected, P - K @ S @ K.T, atol=1e-10)
+    assert_allclose(corrected, corrected.T, atol=1e-12)
+    assert_allclose(cross, P[rest][:, places])
+
+
+def test_components_left_out_leave_the_rest_as_it_was():
+    scratch = Scratch()
+    P, kept = problem(9, 1)[0], np.array([0, 1, 4, 8])
+    rest = without(P, kept, scratch)
+    assert np.array_equal(rest, P[np.ix_(kept, kept)])
+    # What comes next does not write over what it comes from.
+    assert np.array_equal(without(rest, np.arange(3), scratch), P[np.ix_(kept[:3], kept[:3])])
+    assert np.array_equal(rest, P[np.ix_(kept, kept)])
+
+
+def test_scratch_gives_the_same_memory_again_in_every_size():
+    scratch = Scratch()
+    large = scratch.matrix("a", 20, 30)
+    assert np.shares_memory(large, scratch.matrix("a", 7, 5))
+    assert not np.shares_memory(large, scratch.matrix("b", 7, 5))
+    assert scratch.matrix("a", 100, 50).shape == (100, 50)
+
+
+def test_mirroring_takes_one_triangle_at_every_size():
     rng = np.random.default_rng(33)
     for size in (3, 50, 7):
         P = rng.standard_normal((size, size))
         upper = np.triu(P)
         mirror_upper(P)
         assert np.array_equal(P, upper + np.triu(upper, 1).T)
+        Q = rng.standard_normal((size, size))
+        lower = np.tril(Q)
+        mirror_lower(Q)
+        assert np.array_equal(Q, lower + np.tril(lower, -1).T)

@@ -15,7 +15,7 @@ def frame_of(pixel_of_id):
 def observe(tracks, pixel_of_id, motion_expected=True):
     """Return the frame and a dict from id to key."""
     ids, pixels = frame_of(pixel_of_id)
-    frame = tracks.observe(ids, pixels, motion_expected)
+    frame = tracks.observe(ids, pixels, lambda: motion_expected)
     return frame, dict(
         zip(tracks.identity(frame.keys)[0].tolist(), frame.keys.tolist(), strict=True)
     )

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.error_operations import Adjoint, Kept, PoseMark, Retirement
+from vislam_ros.core.linear_update import Scratch
 from vislam_ros.core.tape import Stretch, Tape
 from vislam_ros.core.tracks import Keys
 
@@ -52,8 +53,9 @@ def smooth(tape: Tape) -> Smoothed:
     poses: list[tuple[Array, Array]] = []
     landmarks: list[tuple[Keys, Array, Array]] = []
     adjoint: Adjoint | None = None
+    scratch = Scratch()
     for stretch in reversed(tape.stretches):
-        P, kept_of = _carried(stretch, s)
+        P, kept_of = _carried(stretch, s, scratch)
         if adjoint is None:
             adjoint = Adjoint(np.zeros(len(P)), np.zeros_like(P))
         for operation in reversed(stretch.operations):
@@ -74,11 +76,11 @@ def smooth(tape: Tape) -> Smoothed:
     )
 
 
-def _carried(stretch: Stretch, s: int) -> tuple[Array, list[Kept]]:
+def _carried(stretch: Stretch, s: int, scratch: Scratch) -> tuple[Array, list[Kept]]:
     """Carry the covariance over a stretch; return its end and what each operation keeps."""
-    P = stretch.covariance
+    P = stretch.covariance.copy()
     kept_of = []
     for operation in stretch.operations:
-        P, kept = operation.carry(P, s)
+        P, kept = operation.carry(P, s, scratch)
         kept_of.append(kept)
     return P, kept_of

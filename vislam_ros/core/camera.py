@@ -91,6 +91,11 @@ class StereoCamera:
         """Pose (4, 4) of the body frame in the left optical frame."""
         return se3.inverse(self.T_body_camera)
 
+    @cached_property
+    def camera_from_body_twist(self) -> Array:
+        """Adjoint (6, 6) of ``T_camera_body``: a body twist in camera axes."""
+        return se3.adjoint(self.T_camera_body)
+
     def project(self, points_camera: ArrayLike) -> Array:
         """Image points of points in the left camera.
 

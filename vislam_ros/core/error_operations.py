@@ -4,10 +4,11 @@
 
 The error state is ``[small; delta_1; ...; delta_n]``: a small part that begins with the pose error
 ``[rho; theta]`` on the right, and three numbers for each active landmark. Forwards an operation
-carries the covariance P. Backwards it carries the adjoints of the modified Bryson-Fraser
-smoother (Bierman, *Fixed interval smoothing with discrete measurements*, 1973): if C is the
-cross-covariance of anything with the error state at some time, then all that was observed later
-moves its estimate by ``C lambda`` and lowers its covariance by ``C Lambda C^T``.
+carries the covariance P, in place where its size stays. Backwards it carries the adjoints of the
+modified Bryson-Fraser smoother (Bierman, *Fixed interval smoothing with discrete measurements*,
+1973): if C is the cross-covariance of anything with the error state at some time, then all that
+was observed later moves its estimate by ``C lambda`` and lowers its covariance by ``C Lambda
+C^T``.
 
 An update moves the pose by ``T <- T Exp(delta)`` and from then on the error is one about the new
 pose. The Jacobian of that change is the identity to first order, and the identity is what the
@@ -22,7 +23,15 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from vislam_ros.core import se3
-from vislam_ros.core.linear_update import mirror_upper
+from vislam_ros.core.linear_update import (
+    Rows,
+    Scratch,
+    block,
+    correct_directly,
+    inverse_of_positive,
+    mirror_upper,
+    without,
+)
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.tracks import Keys
 
@@ -48,30 +57,84 @@ class Adjoint:
 
 
 @dataclass(frozen=True)
+class RandomWalk:
+    """The small part takes a random step: ``P_ss <- P_ss + noise``.
+
+    Attributes
+    ----------
+    noise : ndarray, (s, s)
+    """
+
+    noise: Array
+
+    def carry(self, P: Array, s: int, scratch: Scratch) -> tuple[Array, Kept]:
+        """Return the covariance (D, D) after the step."""
+        P[:s, :s] += self.noise
+        return P, ()
+
+    def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
+        """Return the adjoint as it is."""
+        return adjoint
+
+
+@dataclass(frozen=True)
 class Transition:
-    """Motion: ``P <- F P F^T + noise`` with ``F = [[small, 0], [coupling, landmarks]]``.
+    """Motion: ``P <- F P F^T`` with ``F = [[A, 0], [C, D]]``, D block-diagonal.
 
     Attributes
     ----------
     small : ndarray, (s, s)
-    noise : ndarray, (s, s)
-        Of the small part.
+        A.
     landmarks : ndarray, (n, 3, 3), or None
-        Diagonal blocks; None for landmarks that stay.
-    coupling : ndarray, (n, 3, s), or None
-        How the landmarks depend on the small part; None where they do not.
+        Blocks of D; None for landmarks that stay.
+    coupling : ndarray, (n, 3, s - 6), or None
+        C: how the landmarks depend on what follows the pose in the small part, for no motion of
+        the camera's own frame depends on where that lies. None with landmarks that stay.
     """
 
     small: Array
-    noise: Array
     landmarks: Array | None = None
     coupling: Array | None = None
 
-    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
-        """Return the covariance (D, D) after the motion."""
-        P = self._times(self._times(P).T)
-        P[:s, :s] += self.noise
-        mirror_upper(P)
+    def carry(
+        self, P: Array, s: int, scratch: Scratch, Y: Array | None = None
+    ) -> tuple[Array, Kept]:
+        """Return the covariance (D, D) after the motion.
+
+        A correction of low rank just before it, ``P <- P - Y^T Y`` with Y (k, D), costs less
+        together with it than alone.
+        """
+        A = self.small
+        # What P holds of the small part, as it is before the motion: with itself, with landmarks.
+        rows = P[:s].copy() if Y is None else P[:s] - Y[:, :s].T @ Y
+        P_ss, P_Ls = rows[:, :s], rows[:, s:].T
+        m = len(P_Ls)
+        P_LL = P[s:, s:]
+        if self.landmarks is not None:
+            n = len(self.landmarks)
+            half = scratch.matrix("half", m, m)
+            np.matmul(self.landmarks, P_LL.reshape(n, 3, m), out=half.reshape(n, 3, m))
+            np.matmul(self.landmarks, half.T.reshape(n, 3, m), out=P_LL.reshape(n, 3, m))
+            P_Ls = (self.landmarks @ P_Ls.reshape(n, 3, s)).reshape(m, s)
+            # The rest of C P_ss C^T + C P_sL D^T + D P_Ls C^T - D Y_L^T Y_L D^T is of low rank.
+            left, right = [], []
+            if self.coupling is not None:
+                C = self.coupling.reshape(m, s - 6)
+                moved = C @ P_ss[6:]
+                with_half = P_Ls[:, 6:] + 0.5 * moved[:, 6:]
+                left, right = [with_half, C], [C, with_half]
+                P_Ls = P_Ls + moved
+            if Y is not None:
+                DY = (self.landmarks @ Y[:, s:].T.reshape(n, 3, len(Y))).reshape(m, len(Y))
+                left, right = [*left, -DY], [*right, DY]
+            if left:
+                P_LL += np.matmul(np.hstack(left), np.hstack(right).T, out=half)
+        elif Y is not None:
+            P_LL -= Y[:, s:].T @ Y[:, s:]
+        P_ss = A @ P_ss @ A.T
+        P[:s, :s] = 0.5 * (P_ss + P_ss.T)
+        P[s:, :s] = P_Ls @ A.T
+        P[:s, s:] = P[s:, :s].T
         return P, ()
 
     def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
@@ -79,20 +142,6 @@ class Transition:
         vector = self._transposed_times(adjoint.vector[:, None])[:, 0]
         matrix = self._transposed_times(self._transposed_times(adjoint.matrix).T)
         return Adjoint(vector, symmetrized(matrix))
-
-    def _times(self, X: Array) -> Array:
-        """Return F X for X (D, c)."""
-        s, columns = len(self.small), X.shape[1]
-        result = np.empty(X.shape)
-        np.matmul(self.small, X[:s], out=result[:s])
-        if self.landmarks is None:
-            result[s:] = X[s:]
-        else:
-            blocks = result[s:].reshape(-1, 3, columns)
-            np.matmul(self.landmarks, X[s:].reshape(-1, 3, columns), out=blocks)
-        if self.coupling is not None:
-            result[s:] += self.coupling.reshape(-1, s) @ X[:s]
-        return result
 
     def _transposed_times(self, X: Array) -> Array:
         """Return F^T X for X (D, c)."""
@@ -103,7 +152,7 @@ class Transition:
             blocks = np.swapaxes(self.landmarks, -1, -2) @ X[s:].reshape(-1, 3, columns)
             result[s:] = blocks.reshape(-1, columns)
         if self.coupling is not None:
-            result[:s] += self.coupling.reshape(-1, s).T @ X[s:]
+            result[6:s] += self.coupling.reshape(len(X) - s, s - 6).T @ X[s:]
         return result
 
 
@@ -143,7 +192,7 @@ class Correction:
             return np.empty(0, dtype=np.int64)
         return (s + 3 * self.slots[:, None] + np.arange(3)).ravel()
 
-    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
+    def carry(self, P: Array, s: int, scratch: Scratch) -> tuple[Array, Kept]:
         """Return the covariance (D, D) after the update; keep L^-1 of S = L L^T and Y = L^-1 H P.
 
         Both ways need several products with L^-1, which a noise of at least 1 in S makes safe to
@@ -163,7 +212,9 @@ class Correction:
         L = scipy.linalg.cholesky(S, lower=True, overwrite_a=True, check_finite=False)
         L_inverse, _ = scipy.linalg.lapack.dtrtri(L, lower=1)
         Y_T = scipy.linalg.blas.dtrmm(1.0, L_inverse, HP.T, side=1, lower=1, trans_a=1)
-        return P - Y_T @ Y_T.T, (L_inverse, Y_T)
+        scipy.linalg.blas.dsyrk(-1.0, Y_T, beta=1.0, c=P.T, lower=1, overwrite_c=1)
+        mirror_upper(P)
+        return P, (L_inverse, Y_T)
 
     def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
         """``lambda <- H^T S^-1 r + (I - K H)^T lambda``, and Lambda likewise.
@@ -200,6 +251,73 @@ class Correction:
         return Adjoint(vector, symmetrized(matrix))
 
 
+def seen_and_rest(slots: NDArray[np.int64], active: int, s: int) -> tuple[Rows, Rows]:
+    """Places of some landmarks' numbers, in the order of ``slots``, and of all else.
+
+    Slices where they are all landmarks in their own order, which is the usual and the fast case.
+    """
+    if len(slots) == active and np.all(slots[1:] > slots[:-1]):
+        return slice(s, None), slice(0, s)
+    seen = (s + 3 * slots[:, None] + np.arange(3)).ravel()
+    return seen, np.delete(np.arange(s + 3 * active), seen)
+
+
+@dataclass(frozen=True)
+class DirectCorrection:
+    """Update by landmarks whose own three numbers are observed, ``H = [0 I]``.
+
+    Attributes
+    ----------
+    residual : ndarray, (n, 3)
+        ``z - y``.
+    noise : ndarray, (3,)
+        Variances of each landmark's observation.
+    slots : ndarray of int64, (n,)
+        Which landmark each residual is of, all different.
+    """
+
+    residual: Array
+    noise: Array
+    slots: NDArray[np.int64]
+
+    def carry(self, P: Array, s: int, scratch: Scratch) -> tuple[Array, Kept]:
+        """Return the covariance (D, D) after the update; keep S^-1 and the rows P_xL."""
+        seen, rest = seen_and_rest(self.slots, (len(P) - s) // 3, s)
+        variances = np.tile(self.noise, len(self.slots))
+        S = P[block(seen, seen)].copy()
+        S.ravel()[:: len(S) + 1] += variances
+        S_inverse = inverse_of_positive(S)
+        cross = correct_directly(P, seen, rest, variances, S_inverse)
+        return P, (S_inverse, cross)
+
+    def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
+        """As of :class:`Correction`, where ``I - K H`` has the columns ``[-P_xL; R] S^-1``.
+
+        All is a sum of squares: ``Lambda_LL <- S^-1 (B^T Lambda B) S^-1 + S^-1`` with
+        ``B = [-P_xL; R]``.
+        """
+        S_inverse, cross = kept
+        seen, rest = seen_and_rest(self.slots, (len(adjoint.vector) - s) // 3, s)
+        variances = np.tile(self.noise, len(self.slots))
+        before, Lambda = adjoint.vector, adjoint.matrix
+        vector = before.copy()
+        vector[seen] = S_inverse @ (
+            self.residual.ravel() + variances * before[seen] - cross.T @ before[rest]
+        )
+        of_rest = Lambda[block(rest, seen)] * variances - Lambda[block(rest, rest)] @ cross
+        square = -cross.T @ of_rest
+        own = Lambda[block(seen, seen)] * variances
+        own -= Lambda[block(seen, rest)] @ cross
+        own *= variances[:, None]
+        square += own
+        matrix = Lambda.copy()
+        mixed = of_rest @ S_inverse
+        matrix[block(rest, seen)] = mixed
+        matrix[block(seen, rest)] = mixed.T
+        matrix[block(seen, seen)] = symmetrized(S_inverse @ square @ S_inverse) + S_inverse
+        return Adjoint(vector, matrix)
+
+
 @dataclass(frozen=True)
 class Retirement:
     """Landmarks leave the error state, in which they can no longer be observed.
@@ -226,7 +344,7 @@ class Retirement:
     def _remaining(self, s: int) -> NDArray[np.bool_]:
         return np.concatenate([np.ones(s, dtype=bool), np.repeat(~self.gone, 3)])
 
-    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
+    def carry(self, P: Array, s: int, scratch: Scratch) -> tuple[Array, Kept]:
         """Return the covariance of the rest; keep C (3 m, D) and P_mm (m, 3, 3)."""
         m = len(self.keys)
         remaining = self._remaining(s)
@@ -241,7 +359,8 @@ class Retirement:
         if self.J_small is not None:
             small = C[:, :s].reshape(m, 3, s)
             own = own + small @ np.swapaxes(self.J_small, -1, -2)
-        return P[np.ix_(remaining, remaining)], (C[:, remaining], symmetrized(own))
+        rest = without(P, np.flatnonzero(remaining), scratch)
+        return rest, (C[:, remaining], symmetrized(own))
 
     def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
         """Pad with zeros: nothing later was said of them but by way of the others."""
@@ -276,11 +395,13 @@ class Admission:
     noise: Array
     J: Array | None = None
 
-    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
+    def carry(self, P: Array, s: int, scratch: Scratch) -> tuple[Array, Kept]:
         """Return the covariance with the new landmarks."""
         size, m = len(P), len(self.noise)
-        grown = np.zeros((size + 3 * m, size + 3 * m))
+        grown = scratch.successor(P, size + 3 * m)
         grown[:size, :size] = P
+        grown[size:] = 0.0
+        grown[:size, size:] = 0.0
         if self.J is not None:
             J = self.J.reshape(3 * m, s)
             cross = J @ P[:s]
@@ -317,7 +438,7 @@ class PoseMark:
 
     T_world_body: Array
 
-    def carry(self, P: Array, s: int) -> tuple[Array, Kept]:
+    def carry(self, P: Array, s: int, scratch: Scratch) -> tuple[Array, Kept]:
         """Return the covariance as it is; keep the pose's rows C (6, D)."""
         return P, (P[:6].copy(),)
 
@@ -332,4 +453,6 @@ class PoseMark:
         return T, symmetrized(C[:, :6] - C @ adjoint.matrix @ C.T)
 
 
-Operation = Transition | Correction | Retirement | Admission | PoseMark
+Operation = (
+    RandomWalk | Transition | Correction | DirectCorrection | Retirement | Admission | PoseMark
+)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gates: which observations to believe."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,3 +41,63 @@ def passes_gates(settings: SlamSettings, residual: Array, covariance: Array) -> 
     if settings.chi2_gate > 0:
         passed &= mahalanobis_squared(residual, covariance) <= settings.chi2_gate
     return passed
+
+
+@dataclass(frozen=True)
+class Consensus:
+    """Innovations that agree with each other.
+
+    Attributes
+    ----------
+    kept : ndarray of int64, (k,)
+        Which they are.
+    inverse : ndarray, (3 k, 3 k)
+        Inverse of their joint covariance.
+    """
+
+    kept: NDArray[np.int64]
+    inverse: Array
+
+
+def consensus(chi2_gate: float, residual: Array, inverse: Array) -> Consensus:
+    """Reject what all the others together contradict.
+
+    Where the motion is uncertain, so is every innovation, and a wrong one passes a gate of its
+    own; but the others tell the motion. Of an innovation r_i given all the others, the squared
+    Mahalanobis distance is ``w_i^T ((S^-1)_ii)^-1 w_i`` with ``w = S^-1 r``: the deletion residual
+    of regression (Cook and Weisberg, *Residuals and Influence in Regression*, 1982, chapter 2).
+    One wrong innovation makes others look wrong, so only those go at a time that are at least
+    half as far off as the farthest; without them S^-1 is a Schur complement of itself.
+
+    Parameters
+    ----------
+    chi2_gate : float
+        Bound of the squared distance; 0 keeps all.
+    residual : ndarray, (n, r)
+        Innovations, pixels.
+    inverse : ndarray, (n r, n r)
+        Inverse of their joint covariance S.
+    """
+    r = residual.shape[1]
+    kept = np.arange(len(residual))
+    while chi2_gate > 0 and len(kept):
+        n = len(kept)
+        weighted = (inverse @ residual[kept].ravel()).reshape(n, r)
+        distance = mahalanobis_squared(weighted, diagonal_blocks(inverse, r))
+        worst = float(np.max(distance))
+        if worst <= chi2_gate:
+            break
+        wrong = distance > max(chi2_gate, 0.5 * worst)
+        stay = np.flatnonzero(np.repeat(~wrong, r))
+        go = np.flatnonzero(np.repeat(wrong, r))
+        cross = inverse[np.ix_(stay, go)]
+        change = cross @ np.linalg.solve(inverse[np.ix_(go, go)], cross.T)
+        inverse = inverse[np.ix_(stay, stay)] - 0.5 * (change + change.T)
+        kept = kept[~wrong]
+    return Consensus(kept, inverse)
+
+
+def diagonal_blocks(matrix: Array, r: int) -> Array:
+    """Copies (n, r, r) of the blocks on the diagonal of a matrix (n r, n r)."""
+    rows = np.arange(len(matrix)).reshape(-1, r)
+    return matrix[rows[:, :, None], rows[:, None, :]]

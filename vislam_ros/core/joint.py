@@ -17,6 +17,7 @@ from vislam_ros.core.error_operations import (
     Admission,
     Correction,
     PoseMark,
+    RandomWalk,
     Retirement,
     Transition,
 )
@@ -124,7 +125,8 @@ class JointFilter:
         P[:6, 6:] = F @ P[:6, 6:]
         P[6:, :6] = P[:6, 6:].T
         if self._tape is not None:
-            self._tape.record(Transition(F, increment.covariance))
+            self._tape.record(Transition(F))
+            self._tape.record(RandomWalk(increment.covariance))
 
     def _retire(self, keys: Keys) -> None:
         gone = np.isin(self.keys, keys)

@@ -55,8 +55,8 @@ class PredictedPath:
         stamps = [begin, *(self._stamps[k] for k in inner), end]
         poses = [self.pose(stamp) for stamp in (begin, end)]
         poses[1:1] = [self._poses[k] for k in inner]
-        covariance = np.zeros((6, 6))
-        for k in range(len(stamps) - 1):
+        covariance = self._noise(stamps[0], stamps[1])
+        for k in range(1, len(stamps) - 1):
             transition = se3.adjoint(se3.inverse(poses[k + 1]) @ poses[k])
             noise = self._noise(stamps[k], stamps[k + 1])
             covariance = transition @ covariance @ transition.T + noise

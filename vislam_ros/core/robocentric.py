@@ -8,6 +8,11 @@ on nothing else: initialising is exact. Observing is linear, ``H = [0 I]``. The 
 is the warp over a step (see warp), which is mild at every depth and for every disparity, zero and
 negative ones included.
 
+Image points are kept free of the lens's distortion, observations are freed of it by the present
+kappa, and a landmark's error is the one that remains at a given kappa: ``y = y_hat + delta_y +
+D(y_hat) delta_kappa`` (see lens). So a wrong kappa shows in the motion of image points only, as
+it does in a camera.
+
 One step from stamp k - 1 to k, of tau seconds:
 
 1. The twist u takes a random step (white acceleration noise); it now stands for the constant twist
@@ -27,20 +32,34 @@ from vislam_ros.core.camera import StereoCamera
 from vislam_ros.core.error_operations import (
     Admission,
     Correction,
+    DirectCorrection,
     PoseMark,
+    RandomWalk,
     Retirement,
     Transition,
+    seen_and_rest,
 )
 from vislam_ros.core.estimator import Outcome
-from vislam_ros.core.gating import passes_gates
-from vislam_ros.core.landmarks import LandmarkStore
-from vislam_ros.core.lens import corrected
-from vislam_ros.core.linear_update import correct
-from vislam_ros.core.motion import Increment, symmetrized
+from vislam_ros.core.gating import Consensus, consensus, diagonal_blocks, passes_gates
+from vislam_ros.core.image_point_map import (
+    ImagePointMap,
+    ImagePoints,
+    has_position,
+    world_positions,
+)
+from vislam_ros.core.lens import radial_shift
+from vislam_ros.core.linear_update import (
+    Scratch,
+    block,
+    correct_directly,
+    inverse_of_positive,
+    without,
+)
+from vislam_ros.core.motion import Increment
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tape import Tape
-from vislam_ros.core.tracks import Keys, TrackedFrame, slots_of
+from vislam_ros.core.tracks import Keys, TrackedFrame, among, slots_of
 from vislam_ros.core.twist_noise import TwistNoise
 from vislam_ros.core.warp import warp
 
@@ -55,10 +74,6 @@ _FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
 
 # Nothing moves in less than this, and no twist can be told from it [s].
 _SHORTEST_STEP = 1e-4
-
-# A landmark has a position in metres where its disparity is positive beyond doubt; nearer to zero
-# than this many standard deviations no Gaussian in metres describes it.
-_SIGNIFICANT_DISPARITY = 2.0
 
 
 class RobocentricFilter:
@@ -84,7 +99,7 @@ class RobocentricFilter:
     keys : ndarray of int64, (n,)
         The active landmarks.
     image_points : ndarray, (n, 3)
-        Theirs, in the current left camera, pixels.
+        Theirs, in the current left camera, pixels, free of distortion.
     """
 
     SMALL_SIZE = _SMALL
@@ -97,10 +112,13 @@ class RobocentricFilter:
         self._twist_noise = TwistNoise(
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3)
         )
-        self._acceleration = np.diag(
-            np.repeat([settings.velocity_walk_std**2, settings.angular_velocity_walk_std**2], 3)
-        )
-        self._retired = LandmarkStore()
+        # Of each number of the small part, in a second.
+        walk_std = [settings.velocity_walk_std, settings.angular_velocity_walk_std]
+        self._walk_variance = np.zeros(_SMALL)
+        self._walk_variance[_TWIST] = np.repeat(walk_std, 3) ** 2
+        self._walk_variance[_BIAS] = settings.gyro_bias_walk_std**2
+        self._scratch = Scratch()
+        self._set_aside = ImagePointMap(camera)
         self.T_world_body = np.eye(4)
         self.twist = np.zeros(6)
         self.gyro_bias = np.zeros(3)
@@ -131,79 +149,101 @@ class RobocentricFilter:
     @property
     def landmark_count(self) -> int:
         """Number of landmarks with a position, those set aside and those tracked."""
-        return self._retired.count + int(self._has_position().sum())
+        return self._set_aside.count + int(self._has_position().sum())
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
         """Retire, move, correct and admit."""
         if self._tape is not None:
             self._tape.begin_step(self.covariance)
-        self._retire(np.isin(self.keys, frame.ended))
+        self._retire(among(self.keys, frame.ended))
         passed = np.empty(0, dtype=np.int64)
         if increment.duration > _SHORTEST_STEP:
-            self._measure_twist(increment)
-            passed = self._move(increment.duration)
-        known = np.isin(frame.keys, self.keys)
+            passed = self._move(increment.duration, self._measure_twist(increment))
+        known = among(frame.keys, self.keys)
         outcome = self._correct(frame.keys[known], frame.pixels[known])
-        self._retire(np.isin(self.keys, outcome.rejected))
         # What the body has passed cannot be what is seen: its track begins anew at the next frame.
-        new = ~known & ~np.isin(frame.keys, passed)
+        new = ~known & ~among(frame.keys, passed)
         self._admit(frame.keys[new], frame.pixels[new], frame.copied[new])
         if self._tape is not None:
             self._tape.record(PoseMark(self.T_world_body))
-        rejected = np.concatenate([outcome.rejected, np.intersect1d(passed, frame.keys)])
+        rejected = np.concatenate([outcome.rejected, passed[among(passed, frame.keys)]])
         return Outcome(outcome.used, int(np.sum(new)), rejected, outcome.nis, outcome.nis_dof)
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
-        keys, means, covariances = self._retired.all()
-        tracked = self._has_position()
-        positions, P_mm, _, _ = self._positions(tracked)
+        keys, means, covariances = self._set_aside.all()
+        tracked = np.flatnonzero(self._has_position())
+        positions = world_positions(self._camera, self._image_points_of(tracked))
         return (
             np.concatenate([keys, self.keys[tracked]]),
-            np.concatenate([means, positions]),
-            np.concatenate([covariances, P_mm]),
+            np.concatenate([means, positions.means]),
+            np.concatenate([covariances, positions.covariances]),
         )
 
-    def _measure_twist(self, increment: Increment) -> None:
-        """Let the twist take its random step, then correct it by the prediction's."""
+    def _measure_twist(self, increment: Increment) -> Array:
+        """Let the twist take its random step, then correct the estimate by the prediction's.
+
+        Returns
+        -------
+        ndarray, (6, D)
+            Y: the covariance, which is left to the motion, is ``P - Y^T Y``.
+        """
         tau = increment.duration
         measured = se3.log(increment.T) / tau
         self._twist_noise.add(measured)
-        noise = np.zeros((_SMALL, _SMALL))
-        noise[_TWIST, _TWIST] = tau * self._acceleration
-        noise[_BIAS, _BIAS] = self._settings.gyro_bias_walk_std**2 * tau * np.eye(3)
+        walk = tau * self._walk_variance
         P = self.covariance
-        P[:_SMALL, :_SMALL] += noise
-        H = np.zeros((6, _SMALL))
-        H[:, _TWIST] = np.eye(6)
-        H[3:, _BIAS] = np.eye(3)
-        R = np.diag(self._twist_noise.std**2)
+        np.einsum("ii->i", P)[:_SMALL] += walk
         residual = measured - self.twist
         residual[3:] -= self.gyro_bias
-        HP = H @ P[:_SMALL]
-        S = HP[:, :_SMALL] @ H.T + R
-        self._apply(S, HP, residual)
+        # H = [0 I (0 I)^T 0]: the gyroscope's axes read the bias, too.
+        HP = P[_TWIST].copy()
+        HP[3:] += P[_BIAS]
+        R = np.diag(self._twist_noise.std**2)
+        S = HP[:, _TWIST] + R
+        S[:, 3:] += HP[:, _BIAS]
+        L = np.linalg.cholesky(S)
+        Y = scipy.linalg.blas.dtrsm(1.0, L, HP, lower=1)
+        self._shift(scipy.linalg.blas.dtrsv(L, residual, lower=1) @ Y)
         if self._tape is not None:
-            self._tape.record(Transition(np.eye(_SMALL), noise))
-            self._tape.record(Correction(residual[None], R, H_small=H[None]))
+            self._tape.record(RandomWalk(np.diag(walk)))
+            H = np.zeros((1, 6, _SMALL))
+            H[0, :, _TWIST] = np.eye(6)
+            H[0, 3:, _BIAS] = np.eye(3)
+            self._tape.record(Correction(residual[None], R, H_small=H))
+        return Y
 
-    def _move(self, tau: float) -> Keys:
-        """Move the body and warp every landmark; return the keys of those it has passed."""
+    def _move(self, tau: float, Y: Array) -> Keys:
+        """Move the body and warp every landmark; return the keys of those it has passed.
+
+        Parameters
+        ----------
+        tau : float
+            Seconds.
+        Y : ndarray, (6, D)
+            By which the covariance is still too large.
+        """
         motion = se3.exp(tau * self.twist)
         by_twist = tau * se3.right_jacobian(tau * self.twist)
-        warped = warp(self._camera, self.image_points, motion, self.kappa)
+        warped = warp(self._camera, self.image_points, motion)
         passed = self.keys[~warped.ahead]
         if len(passed):
+            self.covariance -= Y.T @ Y
+            Y = np.empty((0, 0))
             self._retire(~warped.ahead)
-            warped = warp(self._camera, self.image_points, motion, self.kappa)
+            warped = warp(self._camera, self.image_points, motion)
         small = np.eye(_SMALL)
         small[_POSE, _POSE] = se3.adjoint(se3.inverse(motion))
         small[_POSE, _TWIST] = by_twist
-        coupling = np.zeros((self.active, 3, _SMALL))
-        coupling[:, :, _TWIST] = warped.G @ by_twist
-        coupling[:, :, _LENS] = warped.by_kappa
-        transition = Transition(small, np.zeros((_SMALL, _SMALL)), warped.F_y, coupling)
-        self.covariance, _ = transition.carry(self.covariance, _SMALL)
+        coupling = np.zeros((self.active, 3, _SMALL - 6))
+        coupling[:, :, :6] = warped.G @ by_twist
+        shift = radial_shift(self._camera, self.image_points)
+        shift_new = radial_shift(self._camera, warped.y)
+        coupling[:, :, -1] = (warped.F_y @ shift[..., None])[..., 0] - shift_new
+        transition = Transition(small, warped.F_y, coupling)
+        self.covariance, _ = transition.carry(
+            self.covariance, _SMALL, self._scratch, Y if len(Y) else None
+        )
         self.T_world_body = self.T_world_body @ motion
         self.image_points = warped.y
         if self._tape is not None:
@@ -211,133 +251,130 @@ class RobocentricFilter:
         return passed
 
     def _correct(self, keys: Keys, pixels: Array) -> Outcome:
-        """Correct by the observations of active landmarks that pass the gates."""
+        """Correct by the observations of active landmarks that are believed; retire the others."""
         if len(keys) < self._settings.min_observations:
             return Outcome()
         slots = slots_of(keys, self.keys)
-        observed = self._observation.image_points(pixels)
-        residual = observed - self.image_points[slots]
-        P, noise = self.covariance, self._observation.image_point_noise
-        rows = _SMALL + 3 * slots[:, None] + np.arange(3)
-        blocks = P[rows[:, :, None], rows[:, None, :]] + noise
-        passed = passes_gates(self._settings, residual, blocks)
-        if not np.any(passed):
-            return Outcome(rejected=keys)
-        used = rows[passed].ravel()
-        HP = P[used]
-        S = HP[:, used]
-        n = len(used) // 3
-        S.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += noise
+        residual = self._straight(pixels) - self.image_points[slots]
         try:
-            nis = self._apply(S, HP, residual[passed].ravel())
+            believed = self._believed(slots, residual)
         except scipy.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
+            self._retire(among(self.keys, keys))
             return Outcome(rejected=keys)
-        if self._tape is not None:
-            identity = np.broadcast_to(np.eye(3), (n, 3, 3))
-            self._tape.record(
-                Correction(residual[passed], noise, H_landmark=identity, slots=slots[passed])
-            )
-        return Outcome(n, rejected=keys[~passed], nis=nis, nis_dof=3 * n)
+        kept, n = believed.kept, len(believed.kept)
+        rejected = np.delete(keys, kept)
+        self._retire(among(self.keys, rejected))
+        if not n:
+            return Outcome(rejected=rejected)
+        slots = slots_of(keys[kept], self.keys)
+        nis = self._apply_directly(slots, residual[kept], believed.inverse)
+        return Outcome(n, rejected=rejected, nis=nis, nis_dof=3 * n)
 
-    def _apply(self, S: Array, HP: Array, residual: Array) -> float:
-        """Correct the state by a residual (m,) with S (m, m) and H P (m, D); return the NIS."""
-        delta, nis = correct(self.covariance, S, HP, residual)
+    def _believed(self, slots: NDArray[np.int64], residual: Array) -> Consensus:
+        """Innovations (n, 3) that pass their own gates and agree with all others."""
+        rows = self._rows(slots)
+        P, noise = self.covariance, self._observation.image_point_noise
+        blocks = P[rows[:, :, None], rows[:, None, :]] + noise
+        passed = np.flatnonzero(passes_gates(self._settings, residual, blocks))
+        seen, _ = seen_and_rest(slots[passed], self.active, _SMALL)
+        size = 3 * len(passed)
+        S = self._scratch.matrix("S", size, size)
+        S[:] = P[block(seen, seen)]
+        S.ravel()[:: len(S) + 1] += np.tile(np.diag(noise), len(passed))
+        W = self._scratch.matrix("W", size, size)
+        agreed = consensus(self._settings.chi2_gate, residual[passed], inverse_of_positive(S, W))
+        return Consensus(passed[agreed.kept], agreed.inverse)
+
+    def _apply_directly(
+        self, slots: NDArray[np.int64], residual: Array, S_inverse: Array
+    ) -> float:
+        """Correct the state by innovations (n, 3) of landmarks; return the NIS."""
+        noise = np.diag(self._observation.image_point_noise)
+        seen, rest = seen_and_rest(slots, self.active, _SMALL)
+        variances = np.tile(noise, len(slots))
+        cross = correct_directly(self.covariance, seen, rest, variances, S_inverse)
+        r = residual.ravel()
+        weighted = S_inverse @ r
+        delta = np.empty(len(self.covariance))
+        delta[seen] = r - variances * weighted
+        delta[rest] = cross @ weighted
+        self._shift(delta)
+        if self._tape is not None:
+            self._tape.record(DirectCorrection(residual, noise, slots))
+        return float(r @ weighted)
+
+    def _shift(self, delta: Array) -> None:
+        """Move the estimate by an error (D,)."""
         self.T_world_body = self.T_world_body @ se3.exp(delta[_POSE])
         self.twist = self.twist + delta[_TWIST]
         self.gyro_bias = self.gyro_bias + delta[_BIAS]
         self.kappa += float(delta[_LENS])
-        self.image_points = self.image_points + delta[_SMALL:].reshape(-1, 3)
-        return nis
+        change = delta[_SMALL:].reshape(-1, 3)
+        change += delta[_LENS] * radial_shift(self._camera, self.image_points)
+        self.image_points = self.image_points + change
+
+    def _straight(self, pixels: Array) -> Array:
+        """Observed image points (n, 3), freed of distortion."""
+        y = self._observation.image_points(pixels)
+        return y + self.kappa * radial_shift(self._camera, y)
 
     def _admit(self, keys: Keys, pixels: Array, copied: NDArray[np.bool_]) -> None:
         """Begin landmarks at their first observation."""
         if not len(keys):
             return
-        y = self._observation.image_points(pixels)
+        y = self._straight(pixels)
         noise = np.tile(self._observation.image_point_noise, (len(keys), 1, 1))
         # A track begun at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
         noise[copied, 1, 1] += stale[copied] ** 2
         admission = Admission(noise)
-        self.covariance, _ = admission.carry(self.covariance, _SMALL)
+        self.covariance, _ = admission.carry(self.covariance, _SMALL, self._scratch)
         if self._tape is not None:
             self._tape.record(admission)
         self.keys = np.concatenate([self.keys, keys])
         self.image_points = np.concatenate([self.image_points, y])
 
     def _retire(self, gone: NDArray[np.bool_]) -> None:
-        """Set landmarks aside; those with a position enter the map."""
-        if not np.any(gone):
+        """Set landmarks (n,) aside; those with a position enter the map."""
+        if not gone.any():
             return
-        mapped = gone & self._has_position()
-        positions, P_mm, J_small, J_landmark = self._positions(mapped)
-        self._retired.add(self.keys[mapped], positions, P_mm)
+        slots = np.flatnonzero(gone)
+        points = self._image_points_of(slots)
+        mapped = has_position(points.y, points.own)
+        self._set_aside.add(self.keys[slots[mapped]], points.of(mapped))
         if self._tape is not None:
+            positions = world_positions(self._camera, points.of(mapped))
             # What has no position leaves the error state all the same, as zeros.
-            among = mapped[gone]
             retirement = Retirement(
-                self.keys[gone],
-                _scattered(positions, among),
+                self.keys[slots],
+                _scattered(positions.means, mapped),
                 gone,
-                _scattered(J_small, among),
-                _scattered(J_landmark, among),
+                _scattered(positions.J_small, mapped),
+                _scattered(positions.J_landmark, mapped),
             )
             self._tape.record(retirement)
         self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
-        kept = np.concatenate([np.ones(_SMALL, dtype=bool), np.repeat(~gone, 3)])
-        self.covariance = self.covariance[np.ix_(kept, kept)]
+        kept = np.concatenate([np.arange(_SMALL), self._rows(np.flatnonzero(~gone)).ravel()])
+        self.covariance = without(self.covariance, kept, self._scratch)
 
-    def _disparity_std(self) -> Array:
-        """Standard deviations (n,) of the disparities, pixels."""
-        left = _SMALL + 3 * np.arange(self.active)
-        P = self.covariance
-        variance = P[left, left] + P[left + 1, left + 1] - 2 * P[left, left + 1]
-        return np.sqrt(np.maximum(variance, 0.0))
+    def _rows(self, slots: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Places (n, 3) of landmarks in the error state."""
+        return _SMALL + 3 * slots[:, None] + np.arange(3)
+
+    def _image_points_of(self, slots: NDArray[np.int64]) -> ImagePoints:
+        P, rows = self.covariance, self._rows(slots)
+        return ImagePoints(
+            y=self.image_points[slots],
+            own=P[rows[:, :, None], rows[:, None, :]],
+            cross=P[rows, :_SMALL],
+            small=P[:_SMALL, :_SMALL].copy(),
+            T_world_body=self.T_world_body,
+        )
 
     def _has_position(self) -> NDArray[np.bool_]:
-        y, _, _ = corrected(self._camera, self.image_points, self.kappa)
-        disparity = y[:, 0] - y[:, 1]
-        return disparity > _SIGNIFICANT_DISPARITY * self._disparity_std()
-
-    def _positions(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array, Array, Array]:
-        """World positions of active landmarks, with the error they have there.
-
-        Returns
-        -------
-        positions : ndarray, (m, 3)
-            Metres.
-        P_mm : ndarray, (m, 3, 3)
-        J_small : ndarray, (m, 3, 16)
-            Derivative by the small part.
-        J_landmark : ndarray, (m, 3, 3)
-            Derivative by the image point.
-        """
-        y, by_y, by_kappa = corrected(self._camera, self.image_points[chosen], self.kappa)
-        m = len(y)
-        T_body_camera, T = self._camera.T_body_camera, self.T_world_body
-        points_body = self._camera.triangulate(y) @ T_body_camera[:3, :3].T + T_body_camera[:3, 3]
-        R = T[:3, :3]
-        positions = points_body @ R.T + T[:3, 3]
-        J_small = np.zeros((m, 3, _SMALL))
-        J_small[:, :, :3] = R
-        J_small[:, :, 3:6] = -R @ se3.hat(points_body)
-        J_straight = (R @ T_body_camera[:3, :3]) @ self._camera.triangulate_jacobian(y)
-        J_small[:, :, _LENS] = (J_straight @ by_kappa[..., None])[..., 0]
-        J_landmark = J_straight @ by_y
-        rows = _SMALL + 3 * np.nonzero(chosen)[0][:, None] + np.arange(3)
-        P = self.covariance
-        cross = P[rows][:, :, :_SMALL]
-        own = P[rows[:, :, None], rows[:, None, :]]
-        J_s, J_y = J_small, J_landmark
-        mixed = J_y @ cross @ np.swapaxes(J_s, -1, -2)
-        P_mm = (
-            J_s @ P[:_SMALL, :_SMALL] @ np.swapaxes(J_s, -1, -2)
-            + mixed
-            + np.swapaxes(mixed, -1, -2)
-            + J_y @ own @ np.swapaxes(J_y, -1, -2)
-        )
-        return positions, symmetrized(P_mm), J_small, J_landmark
+        own = diagonal_blocks(self.covariance[_SMALL:, _SMALL:], 3)
+        return has_position(self.image_points, own)
 
 
 def _scattered(values: Array, places: NDArray[np.bool_]) -> Array:

@@ -6,16 +6,13 @@ Every function takes leading batch dimensions. The tangent is ``xi = [rho; theta
 follow Barfoot, *State Estimation for Robotics* (2017), chapter 7, with errors on the right.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from vislam_ros.core import se3_single
+from vislam_ros.core.se3_single import SMALL_ANGLE
 
-# Under this angle the closed forms lose digits to cancellation and their series, cut after the
-# fourth power, is exact to double precision: 1e-2**6 / 5040 < 1e-15.
-_SMALL_ANGLE = 1e-2
+Array = NDArray[np.float64]
 
 
 def hat(omega: ArrayLike) -> Array:
@@ -42,7 +39,7 @@ def hat(omega: ArrayLike) -> Array:
 def _exp_coefficients(angle_squared: Array) -> tuple[Array, Array, Array]:
     """Return sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3 for an array of a^2."""
     a2 = angle_squared
-    small = a2 < _SMALL_ANGLE**2
+    small = a2 < SMALL_ANGLE**2
     safe = np.where(small, 1.0, a2)
     a = np.sqrt(safe)
     sine = np.where(small, 1 - a2 / 6 + a2**2 / 120, np.sin(a) / a)
@@ -83,6 +80,8 @@ def exp(xi: ArrayLike) -> Array:
     ndarray, (..., 4, 4)
     """
     xi = np.asarray(xi, dtype=float)
+    if xi.ndim == 1:
+        return se3_single.exp(xi)
     rho, theta = xi[..., :3], xi[..., 3:]
     sine, cosine, third = _exp_coefficients(np.sum(theta**2, axis=-1))
     W = hat(theta)
@@ -130,11 +129,13 @@ def log(T: ArrayLike) -> Array:
         ``[rho; theta]`` with the rotation's length at most pi.
     """
     T = np.asarray(T, dtype=float)
+    if T.ndim == 2:
+        return se3_single.log(T)
     theta = log_rotation(T[..., :3, :3])
     a2 = np.sum(theta**2, axis=-1)
     sine, cosine, _ = _exp_coefficients(a2)
     # V^-1 = I - W/2 + (1/a^2)(1 - sin(a) / (2 a (1 - cos a)/a^2)) W^2
-    small = a2 < _SMALL_ANGLE**2
+    small = a2 < SMALL_ANGLE**2
     safe = np.where(small, 1.0, a2)
     series = 1 / 12 + a2 / 720 + a2**2 / 30240
     coefficient = np.where(small, series, (1 - sine / (2 * cosine)) / safe)
@@ -179,9 +180,6 @@ def adjoint(T: ArrayLike) -> Array:
 def right_jacobian(xi: ArrayLike) -> Array:
     """Right Jacobian of the exponential: ``Exp(xi + d) = Exp(xi) Exp(J_r(xi) d)`` to first order.
 
-    Sums ``(-ad(xi))^k / (k + 1)!`` (Barfoot, eq. 7.76) for a part of xi that turns by less than a
-    radian, then doubles: ``J_r(2 xi) = (I + Ad(Exp(-xi))) J_r(xi) / 2``.
-
     Parameters
     ----------
     xi : array_like, (6,)
@@ -190,20 +188,7 @@ def right_jacobian(xi: ArrayLike) -> Array:
     -------
     ndarray, (6, 6)
     """
-    xi = np.asarray(xi, dtype=float)
-    doublings = math.ceil(math.log2(max(float(np.linalg.norm(xi[3:])), 1.0)))
-    part = xi / 2.0**doublings
-    minus_ad = np.zeros((6, 6))
-    minus_ad[:3, :3] = minus_ad[3:, 3:] = -hat(part[3:])
-    minus_ad[:3, 3:] = -hat(part[:3])
-    J = term = np.eye(6)
-    for k in range(2, 22):
-        term = term @ minus_ad / k
-        J = J + term
-    for _ in range(doublings):
-        J = 0.5 * (J + adjoint(exp(-part)) @ J)
-        part = 2 * part
-    return J
+    return se3_single.right_jacobian(np.asarray(xi, dtype=float))
 
 
 def odot(s: ArrayLike) -> Array:
@@ -272,6 +257,8 @@ def quaternion_from_rotation(R: ArrayLike) -> Array:
     Shepperd's method: of four equal formulas it takes the one with the largest divisor.
     """
     R = np.asarray(R, dtype=float)
+    if R.ndim == 2:
+        return se3_single.quaternion_from_rotation(R)
     r00, r01, r02 = R[..., 0, 0], R[..., 0, 1], R[..., 0, 2]
     r10, r11, r12 = R[..., 1, 0], R[..., 1, 1], R[..., 1, 2]
     r20, r21, r22 = R[..., 2, 0], R[..., 2, 1], R[..., 2, 2]

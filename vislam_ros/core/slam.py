@@ -350,7 +350,7 @@ class Slam:
         if self._estimator is None:
             self._estimator = self._new_estimator(camera)
         tracked = self._tracks.observe(
-            frame.ids, frame.pixels, self._motion_expected(camera, increment)
+            frame.ids, frame.pixels, lambda: self._motion_expected(camera, increment)
         )
         outcome = self._estimator.step(increment, tracked)
         if self._given_map is None:

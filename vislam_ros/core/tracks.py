@@ -9,6 +9,7 @@ one whose observation was rejected, begins anew under the same id. Each physical
 of its own, counted from 0 in the order of first appearance; the filters know only keys.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,16 @@ def slots_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
     """Places (n,) in a table (m,) of different keys, in any order, of keys (n,) that are in it."""
     order = np.argsort(table)
     return order[np.searchsorted(table, keys, sorter=order)]
+
+
+def among(keys: Keys, table: Keys) -> NDArray[np.bool_]:
+    """Tell which keys (n,) are in a table (m,) of different keys, in any order."""
+    if not len(table):
+        return np.zeros(len(keys), dtype=bool)
+    ordered = np.sort(table)
+    place = np.searchsorted(ordered, keys)
+    place[place == len(ordered)] = 0
+    return ordered[place] == keys
 
 
 @dataclass(frozen=True)
@@ -92,7 +103,10 @@ class Tracks:
         return self._id_of_key[0][keys], self._generation_of_key[0][keys]
 
     def observe(
-        self, ids: NDArray[np.uint32], pixels: NDArray[np.float32], motion_expected: bool
+        self,
+        ids: NDArray[np.uint32],
+        pixels: NDArray[np.float32],
+        motion_expected: Callable[[], bool],
     ) -> TrackedFrame:
         """Take a frame.
 
@@ -101,8 +115,9 @@ class Tracks:
         ids : ndarray of uint32, (n,)
             All different.
         pixels : ndarray of float32, (n, 4)
-        motion_expected : bool
-            Whether the body moves so far that honest pixels would have changed.
+        motion_expected : callable
+            Tells whether the body moves so far that honest pixels would have changed; is asked
+            only where many have not.
 
         Returns
         -------
@@ -125,8 +140,8 @@ class Tracks:
         copied &= in_last_frame
         frozen = (
             self._frozen_share is not None
-            and motion_expected
             and int(copied.sum()) > self._frozen_share * int(in_last_frame.sum())
+            and motion_expected()
         )
         ended = [keys[copied]] if frozen else []
         fresh = (keys == NO_KEY) | (copied & frozen)
@@ -155,7 +170,8 @@ class Tracks:
 
     def restart(self, keys: Keys) -> None:
         """End points whose observation was rejected; their ids begin anew when next seen."""
-        self._keys[np.isin(self._keys, keys)] = NO_KEY
+        if len(keys):
+            self._keys[among(self._keys, keys)] = NO_KEY
 
     def _store(
         self,

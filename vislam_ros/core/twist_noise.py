@@ -34,22 +34,27 @@ class TwistNoise:
     def __init__(self, prior: Array):
         self._prior = prior
         self._samples: deque[Array] = deque(maxlen=4)
-        self._differences: deque[Array] = deque(maxlen=_WINDOW)
+        # A ring of absolute third differences.
+        self._differences = np.empty((_WINDOW, 6))
+        self._heard = 0
 
     def add(self, twist: Array) -> None:
         """Hear a sample (6,)."""
         self._samples.append(twist)
         if len(self._samples) == 4:
             a, b, c, d = self._samples
-            self._differences.append(np.abs(d - 3 * c + 3 * b - a))
+            self._differences[self._heard % _WINDOW] = np.abs(d - 3 * c + 3 * b - a)
+            self._heard += 1
 
     @property
     def std(self) -> Array:
         """Standard deviations (6,), metres and radians a second."""
-        count = len(self._differences)
+        count = min(self._heard, _WINDOW)
         if count == 0:
             return self._prior
-        median = np.median(np.array(self._differences), axis=0)
+        middle = [(count - 1) // 2, count // 2]
+        ordered = np.partition(self._differences[:count], middle, axis=0)
+        median = 0.5 * (ordered[middle[0]] + ordered[middle[1]])
         measured = _MEDIAN_TO_STD * median / np.sqrt(_VARIANCE_RATIO)
         # The prior fades fast, for it may be a hundredfold off.
         weight = _PRIOR_WEIGHT / max(1.0, (count / 5) ** 2)

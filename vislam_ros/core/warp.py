@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
-from vislam_ros.core.lens import corrected, distorted
 
 Array = NDArray[np.float64]
 
@@ -36,8 +35,6 @@ class Warp:
         Derivative by the image point in the old frame.
     G : ndarray, (n, 3, 6)
         Derivative by the error ``[rho; theta]`` on the right of the body's motion.
-    by_kappa : ndarray, (n, 3)
-        Derivative by the lens's distortion.
     ahead : ndarray of bool, (n,)
         Whether the point still lies ahead of the camera and within the reach of a lens; the rest
         holds no meaning where not.
@@ -46,11 +43,10 @@ class Warp:
     y: Array
     F_y: Array
     G: Array
-    by_kappa: Array
     ahead: NDArray[np.bool_]
 
 
-def warp(camera: StereoCamera, y: Array, T_old_new: Array, kappa: float = 0.0) -> Warp:
+def warp(camera: StereoCamera, y: Array, T_old_new: Array) -> Warp:
     """Warp image points by the body's motion.
 
     Parameters
@@ -60,57 +56,48 @@ def warp(camera: StereoCamera, y: Array, T_old_new: Array, kappa: float = 0.0) -
         ``(u_left, u_right, v)``, pixels.
     T_old_new : ndarray, (4, 4)
         The body's new pose in its old frame.
-    kappa : float
-        What is left of the lens's radial distortion (see lens).
     """
-    straight, by_y, shift = corrected(camera, y, kappa)
-    warped = _warp_straight(camera, straight, T_old_new)
-    # The lens's polynomial holds for what a camera can see; far outside it folds.
-    r2 = ((warped.y - [camera.cx, camera.cx, camera.cy]) / [camera.fx, camera.fx, camera.fy]) ** 2
-    in_reach = np.max(r2[:, :2], axis=1) + r2[:, 2] < _MAX_RAY_SQUARED
-    warped.y[~in_reach] = (camera.cx, camera.cx, camera.cy)
-    y_new, by_straight, by_kappa = distorted(camera, warped.y, kappa)
-    by_old = by_straight @ warped.F_y
-    return Warp(
-        y=y_new,
-        F_y=by_old @ by_y,
-        G=by_straight @ warped.G,
-        by_kappa=(by_old @ shift[..., None])[..., 0] + by_kappa,
-        ahead=warped.ahead & in_reach,
-    )
-
-
-def _warp_straight(camera: StereoCamera, y: Array, T_old_new: Array) -> Warp:
-    """Warp image points that no lens distorts."""
+    n = len(y)
+    fx, fy, fxb = camera.fx, camera.fy, camera.fx_baseline
     T = camera.T_camera_body @ se3.inverse(T_old_new) @ camera.T_body_camera
     R, t = T[:3, :3], T[:3, 3]
-    fx, fy, fxb = camera.fx, camera.fy, camera.fx_baseline
     ray, inverse_depth = camera.rays(y)
     moved = ray @ R.T + inverse_depth[:, None] * t
-    ahead = moved[:, 2] > _MIN_DEPTH_RATIO
-    moved[~ahead] = (0.0, 0.0, 1.0)
+    ahead = _can_be_seen(camera, moved, inverse_depth)
+    if not ahead.all():
+        # To infinity, straight ahead, where all numbers stay finite.
+        moved[~ahead] = (0.0, 0.0, 1.0)
+        inverse_depth[~ahead] = 0.0
     w = 1.0 / moved[:, 2]
-    y_new = np.empty_like(y)
-    y_new[:, 0] = fx * moved[:, 0] * w + camera.cx
-    y_new[:, 1] = y_new[:, 0] - fxb * inverse_depth * w
-    y_new[:, 2] = fy * moved[:, 1] * w + camera.cy
+    # In pixels from the principal point.
+    offset = np.empty((n, 3))
+    offset[:, 0] = fx * moved[:, 0] * w
+    offset[:, 1] = offset[:, 0] - fxb * inverse_depth * w
+    offset[:, 2] = fy * moved[:, 1] * w
 
     # By the moved ray: the projection's derivative.
-    J = np.zeros((len(y), 3, 3))
+    J = np.zeros((n, 3, 3))
     J[:, 0, 0] = J[:, 1, 0] = fx * w
-    J[:, 0, 2] = -(y_new[:, 0] - camera.cx) * w
-    J[:, 1, 2] = -(y_new[:, 1] - camera.cx) * w
     J[:, 2, 1] = fy * w
-    J[:, 2, 2] = -(y_new[:, 2] - camera.cy) * w
+    np.multiply(offset, -w[:, None], out=J[:, :, 2])
     # Of the moved ray by (u_left, u_right, v), and of u_right by the disparity itself.
-    by_y = np.column_stack([R[:, 0] / fx + t / fxb, -t / fxb, R[:, 1] / fy])
-    F_y = J @ by_y
+    F_y = J @ np.column_stack([R[:, 0] / fx + t / fxb, -t / fxb, R[:, 1] / fy])
     F_y[:, 1, 0] -= w
     F_y[:, 1, 1] += w
     # Exp(xi) on the right of the motion moves the ray by -(inverse depth rho + theta x ray),
     # with xi in camera axes.
-    by_motion = np.empty((len(y), 3, 6))
-    by_motion[:, :, :3] = -inverse_depth[:, None, None] * np.eye(3)
-    by_motion[:, :, 3:] = se3.hat(moved)
-    G = J @ (by_motion @ se3.adjoint(camera.T_camera_body))
-    return Warp(y_new, F_y, G, np.zeros_like(y), ahead)
+    G = np.empty((n, 3, 6))
+    np.multiply(J, -inverse_depth[:, None, None], out=G[:, :, :3])
+    np.matmul(J, se3.hat(moved), out=G[:, :, 3:])
+    G = (G.reshape(3 * n, 6) @ camera.camera_from_body_twist).reshape(n, 3, 6)
+    offset += (camera.cx, camera.cx, camera.cy)
+    return Warp(offset, F_y, G, ahead)
+
+
+def _can_be_seen(camera: StereoCamera, moved: Array, inverse_depth: Array) -> NDArray[np.bool_]:
+    """Tell which rays (n, 3), of old depth 1, both cameras still have before them."""
+    depth = moved[:, 2]
+    left, row = moved[:, 0], moved[:, 1]
+    right = left - camera.baseline * inverse_depth
+    across = np.maximum(left * left, right * right) + row * row
+    return (depth > _MIN_DEPTH_RATIO) & (across < _MAX_RAY_SQUARED * depth * depth)
