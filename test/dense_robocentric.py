@@ -19,16 +19,17 @@ from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
 from vislam_ros.core.gating import passes_gates
 from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion_noise import MotionNoise
+from vislam_ros.core.pixel_noise import PixelNoise
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tracks import TrackedFrame
-from vislam_ros.core.twist_noise import TwistNoise
 
 Array = NDArray[np.float64]
 # Real or complex.
 Complex = NDArray[Any]
 
-S = 16
-POSE, TWIST, BIAS, LENS = slice(0, 6), slice(6, 12), slice(12, 15), 15
+S = 18
+POSE, TWIST, BIAS, DRIFT, LENS = slice(0, 6), slice(6, 12), slice(12, 15), slice(15, 17), 17
 # u_left, v_left, u_right and v_right of (u_left, u_right, v).
 FOUR_ROWS = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1]])
 
@@ -141,10 +142,14 @@ class DenseRobocentricFilter:
         self.camera = camera
         self.exchange = exchange
         self.clone_poses = clone_poses
-        self.V: Array = np.diag(settings.pixel_variance)
-        self.twist_noise = TwistNoise(
-            np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3)
+        self.told_V: Array = np.diag(settings.pixel_variance)
+        self.motion_noise = MotionNoise(
+            np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
+            np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
         )
+        self.pixel_noise = PixelNoise()
+        # Keys in the order of the pixel noise.
+        self.judged: list[int] = []
         self.T_world_body = np.eye(4)
         self.P: Array = np.diag(
             np.repeat(
@@ -153,9 +158,10 @@ class DenseRobocentricFilter:
                     50.0**2,
                     2.0**2,
                     settings.gyro_bias_std**2,
+                    settings.velocity_bias_std**2,
                     settings.lens_distortion_std**2,
                 ],
-                [6, 3, 3, 3, 1],
+                [6, 3, 3, 3, 2, 1],
             )
         )
         # Estimates of all but the pose; of a clone the error.
@@ -172,7 +178,7 @@ class DenseRobocentricFilter:
         self.end([key for key in frame.ended.tolist() if key in self.place_of_key])
         tau = increment.duration
         if tau > 0:
-            self.measure_twist(se3.log(increment.T) / tau, tau)
+            twist, variances = self.measure_twist(se3.log(increment.T) / tau, tau)
             self.move(tau)
         keys = frame.keys.tolist()
         known = [i for i, key in enumerate(keys) if key in self.place_of_key]
@@ -180,6 +186,13 @@ class DenseRobocentricFilter:
         rejected = []
         if len(known) >= self.settings.min_observations:
             rejected = self.correct([keys[i] for i in known], frame.pixels[known])
+            if self.settings.learn_noise and tau > 0 and len(rejected) < len(known):
+                change = self.estimate[TWIST] - twist
+                H = self.twist_rows()
+                error = se3.log(increment.T) / tau - H @ self.estimate
+                unexplained = error**2 + np.diag(H @ self.P @ H.T)
+                after = np.diag(self.P)[TWIST]
+                self.motion_noise.learn(change, variances, after, unexplained, tau)
         for i in new:
             self.admit(keys[i], frame.pixels[i], bool(frame.copied[i]))
         if self.clone_poses:
@@ -187,16 +200,35 @@ class DenseRobocentricFilter:
             self.augment(np.eye(6, S), np.zeros((6, 6)), np.zeros(6))
         return rejected
 
-    def measure_twist(self, measured: Array, tau: float) -> None:
+    @property
+    def V(self) -> Array:
+        return self.pixel_noise.level * self.told_V
+
+    def measure_twist(self, measured: Array, tau: float) -> tuple[Array, Array]:
+        """Return the twist and its variances before it is measured."""
         settings = self.settings
-        self.twist_noise.add(measured)
-        changes = [settings.velocity_walk_std**2, settings.angular_velocity_walk_std**2]
-        self.P[TWIST, TWIST] += tau * np.diag(np.repeat(changes, 3))
+        self.motion_noise.hear(measured)
+        self.P[TWIST, TWIST] += tau * np.diag(self.motion_noise.walk_variance)
         self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
+        self.P[DRIFT, DRIFT] += settings.velocity_bias_walk_std**2 * tau * np.eye(2)
+        before = self.estimate[TWIST].copy(), np.diag(self.P)[TWIST].copy()
+        H = self.twist_rows()
+        variances = self.motion_noise.twist_variance
+        if settings.slip_std > 0:
+            straight = np.zeros((2, len(self.P)))
+            straight[0, 7] = straight[1, 8] = 1.0
+            H = np.concatenate([H, straight])
+            measured = np.append(measured, [0.0, 0.0])
+            variances = np.append(variances, np.full(2, settings.slip_std**2 / tau))
+        self.update(H, np.diag(variances), measured - H @ self.estimate)
+        return before
+
+    def twist_rows(self) -> Array:
         H = np.zeros((6, len(self.P)))
         H[:, TWIST] = np.eye(6)
         H[3:, BIAS] = np.eye(3)
-        self.update(H, np.diag(self.twist_noise.std**2), measured - H @ self.estimate)
+        H[1:3, DRIFT] = np.eye(2)
+        return H
 
     def move(self, tau: float) -> None:
         camera, estimate = self.camera, self.estimate
@@ -251,10 +283,11 @@ class DenseRobocentricFilter:
         ]
 
     def correct(self, keys: list[int], pixels: Array) -> list[int]:
+        V = self.V
         rows = self.rows_of([self.place_of_key[key] for key in keys])
-        information = FOUR_ROWS.T @ np.linalg.inv(self.V) @ FOUR_ROWS
+        information = FOUR_ROWS.T @ np.linalg.inv(V) @ FOUR_ROWS
         noise = np.linalg.inv(information)
-        z = pixels @ np.linalg.inv(self.V) @ FOUR_ROWS @ noise
+        z = pixels @ np.linalg.inv(V) @ FOUR_ROWS @ noise
         residual = z + self.estimate[LENS] * shift(self.camera, z).real - self.estimate[rows]
         own = np.array([self.P[np.ix_(row, row)] + noise for row in rows])
         kept = np.flatnonzero(passes_gates(self.settings, residual, own))
@@ -266,10 +299,19 @@ class DenseRobocentricFilter:
         for i, row in enumerate(rows[kept]):
             H[4 * i : 4 * i + 4, row] = FOUR_ROWS
         if len(H):
-            R = np.asarray(np.kron(np.eye(len(kept)), self.V), dtype=np.float64)
+            R = np.asarray(np.kron(np.eye(len(kept)), V), dtype=np.float64)
             # Four rows of which three are told apart: what z leaves of them is noise alone.
             left = pixels[kept] - z[kept] @ FOUR_ROWS.T
-            self.update(H, R, (residual[kept] @ FOUR_ROWS.T + left).ravel())
+            innovation = (residual[kept] @ FOUR_ROWS.T + left).ravel()
+            if self.settings.learn_noise:
+                four = np.kron(np.eye(len(kept)), FOUR_ROWS)
+                S_inverse = np.linalg.inv(H @ self.P @ H.T + R)
+                self.pixel_noise.see(
+                    np.array([self.judged.index(keys[i]) for i in kept]),
+                    four.T @ S_inverse @ four,
+                    four.T @ S_inverse @ innovation,
+                )
+            self.update(H, R, innovation)
         return rejected
 
     def update(self, H: Array, R: Array, residual: Array) -> None:
@@ -293,6 +335,8 @@ class DenseRobocentricFilter:
         y = z + self.estimate[LENS] * shift(self.camera, z[None])[0].real
         if copied:
             noise[1, 1] += (self.settings.stale_disparity * (y[0] - y[1])) ** 2
+        self.pixel_noise.begin(1)
+        self.judged.append(key)
         self.place_of_key[key] = len(self.P)
         self.warped_places.append(len(self.P))
         self.augment(np.zeros((3, S)), noise, y)
@@ -305,6 +349,8 @@ class DenseRobocentricFilter:
 
     def end(self, keys: list[int]) -> None:
         """Observe landmarks no more."""
+        self.pixel_noise.end(np.isin(np.array(self.judged, dtype=np.int64), keys))
+        self.judged = [key for key in self.judged if key not in keys]
         for key in keys:
             place = self.place_of_key[key]
             if self.exchange and self.has_position(place):

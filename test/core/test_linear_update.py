@@ -87,6 +87,11 @@ def test_components_left_out_leave_the_rest_as_it_was():
     assert np.array_equal(rest, P[np.ix_(kept, kept)])
 
 
+def test_the_inverse_of_nothing_is_nothing(capfd):
+    assert inverse_of_positive(np.empty((0, 0))).shape == (0, 0)
+    assert capfd.readouterr().out == ""
+
+
 def test_scratch_gives_the_same_memory_again_in_every_size():
     scratch = Scratch()
     large = scratch.matrix("a", 20, 30)

@@ -74,7 +74,8 @@ def test_robocentric_knows_its_error(frozen_share: float) -> None:
     figures = monte_carlo("robocentric", frozen_share, twist_noise=0.1)
     # Over 20 seeds the mean is near 1; three drives of one error each leave it this uncertain.
     assert 0.6 < figures.nees < 1.7
-    assert 0.95 < figures.nis < 1.1
+    # The sliding tracks raise the level of the pixel noise by some per cent.
+    assert 0.9 < figures.nis < 1.1
     assert figures.ate_to_dead_reckoning < 0.1
     assert figures.rejected_share < 0.03
 

@@ -132,8 +132,10 @@ def inverse_of_positive(S: Array, out: Array | None = None) -> Array:
     scipy.linalg.LinAlgError
         Where S is not positive.
     """
-    L = _lower_factor(S)
     m = len(S)
+    if not m:
+        return S
+    L = _lower_factor(S)
     # Z = L^-1, by rows of blocks: Z_ij = -L_ii^-1 (L_i0 Z_0j + ... + L_i,i-1 Z_i-1,j).
     Z = np.empty((m, m)) if out is None else out
     Z[:] = 0.0

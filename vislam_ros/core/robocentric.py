@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The joint EKF in disparity space, with the body's twist and the gyroscope's bias in its state.
+"""The joint EKF in disparity space, with the body's twist and the sensors' biases in its state.
 
 A landmark is its image point ``y = (u_left, u_right, v)`` in the current left camera. Its first
 observation is itself the landmark's estimate, its noise the landmark's covariance, and it depends
@@ -17,11 +17,15 @@ One step from stamp k - 1 to k, of tau seconds:
 
 1. The twist u takes a random step (white acceleration noise); it now stands for the constant twist
    of this step.
-2. The prediction's mean twist over this step measures it: ``z = [v; omega + b_g] + n``.
+2. The prediction's mean twist over this step measures it: ``z = [v + b_v; omega + b_g] + n``. The
+   velocity's direction is off by a slow error on real vehicles (b_v, sideways and upwards: on
+   KITTI-360 by up to 5 degrees), and a vehicle goes where it points but for some slip.
 3. The body moves, ``T <- T Exp(tau u)``, and every landmark is warped by the same motion. No noise
    enters here: all of it is in u, whose correlation with pose and landmarks is kept.
 4. The frame's image points correct everything.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -56,18 +60,24 @@ from vislam_ros.core.linear_update import (
     without,
 )
 from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion_noise import MotionNoise
 from vislam_ros.core.observation import StereoObservation
+from vislam_ros.core.pixel_noise import PixelNoise
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tape import Tape
 from vislam_ros.core.tracks import Keys, TrackedFrame, among, slots_of
-from vislam_ros.core.twist_noise import TwistNoise
 from vislam_ros.core.warp import warp
 
 Array = NDArray[np.float64]
 
-# The small part of the error state: pose [rho; theta], twist [v; omega], gyroscope bias, lens.
-_POSE, _TWIST, _BIAS, _LENS = slice(0, 6), slice(6, 12), slice(12, 15), 15
-_SMALL = 16
+# The small part of the error state: pose [rho; theta], twist [v; omega], gyroscope bias, velocity
+# bias, lens.
+_POSE, _TWIST, _BIAS, _VELOCITY_BIAS = slice(0, 6), slice(6, 12), slice(12, 15), slice(15, 17)
+_LENS = 17
+_SMALL = 18
+
+# The velocity's components, and the twist's, that are zero where a vehicle goes where it points.
+_ASIDE, _TWIST_ASIDE = slice(1, 3), slice(7, 9)
 
 # Before the first motion nothing is known of the twist but that it is a vehicle's.
 _FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
@@ -76,8 +86,16 @@ _FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
 _SHORTEST_STEP = 1e-4
 
 
+class _Twist(NamedTuple):
+    """A step's twist (6,) before it is measured, its variances (6,), and the measurement (6,)."""
+
+    mean: Array
+    variances: Array
+    measured: Array
+
+
 class RobocentricFilter:
-    """EKF over ``[xi; delta u; delta b_g; delta kappa; delta y_1; ...; delta y_n]``.
+    """EKF over ``[xi; delta u; delta b_g; delta b_v; delta kappa; delta y_1; ...; delta y_n]``.
 
     Parameters
     ----------
@@ -95,7 +113,9 @@ class RobocentricFilter:
         Radians a second.
     kappa : float
         What rectification has left of the lens's radial distortion (see lens).
-    covariance : ndarray, (16 + 3 n, 16 + 3 n)
+    velocity_bias : ndarray, (2,)
+        Of the measured velocity's y and z, metres a second.
+    covariance : ndarray, (18 + 3 n, 18 + 3 n)
     keys : ndarray of int64, (n,)
         The active landmarks.
     image_points : ndarray, (n, 3)
@@ -109,24 +129,25 @@ class RobocentricFilter:
         self._camera = camera
         self._tape = tape
         self._observation = StereoObservation(camera, settings.pixel_variance)
-        self._twist_noise = TwistNoise(
-            np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3)
+        self._motion_noise = MotionNoise(
+            np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
+            np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
         )
-        # Of each number of the small part, in a second.
-        walk_std = [settings.velocity_walk_std, settings.angular_velocity_walk_std]
-        self._walk_variance = np.zeros(_SMALL)
-        self._walk_variance[_TWIST] = np.repeat(walk_std, 3) ** 2
-        self._walk_variance[_BIAS] = settings.gyro_bias_walk_std**2
+        self._pixel_noise = PixelNoise()
+        self._H_twist = _twist_rows(settings.slip_std > 0)
         self._scratch = Scratch()
         self._set_aside = ImagePointMap(camera)
         self.T_world_body = np.eye(4)
         self.twist = np.zeros(6)
         self.gyro_bias = np.zeros(3)
+        self.velocity_bias = np.zeros(2)
         self.kappa = 0.0
         self.covariance = np.zeros((_SMALL, _SMALL))
         self.covariance[_POSE, _POSE] = settings.prior_pose_variance * np.eye(6)
         self.covariance[_TWIST, _TWIST] = np.diag(_FIRST_TWIST_STD**2)
         self.covariance[_BIAS, _BIAS] = settings.gyro_bias_std**2 * np.eye(3)
+        velocity_bias_variance = settings.velocity_bias_std**2 * np.eye(2)
+        self.covariance[_VELOCITY_BIAS, _VELOCITY_BIAS] = velocity_bias_variance
         self.covariance[_LENS, _LENS] = settings.lens_distortion_std**2
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.image_points: Array = np.empty((0, 3))
@@ -157,10 +178,14 @@ class RobocentricFilter:
             self._tape.begin_step(self.covariance)
         self._retire(among(self.keys, frame.ended))
         passed = np.empty(0, dtype=np.int64)
-        if increment.duration > _SHORTEST_STEP:
-            passed = self._move(increment.duration, self._measure_twist(increment))
+        moved = increment.duration > _SHORTEST_STEP
+        if moved:
+            before, Y = self._measure_twist(increment)
+            passed = self._move(increment.duration, Y)
         known = among(frame.keys, self.keys)
         outcome = self._correct(frame.keys[known], frame.pixels[known])
+        if self._settings.learn_noise and moved and outcome.used:
+            self._learn_motion_noise(increment.duration, before)
         # What the body has passed cannot be what is seen: its track begins anew at the next frame.
         new = ~known & ~among(frame.keys, passed)
         self._admit(frame.keys[new], frame.pixels[new], frame.copied[new])
@@ -180,38 +205,51 @@ class RobocentricFilter:
             np.concatenate([covariances, positions.covariances]),
         )
 
-    def _measure_twist(self, increment: Increment) -> Array:
+    def _measure_twist(self, increment: Increment) -> tuple[_Twist, Array]:
         """Let the twist take its random step, then correct the estimate by the prediction's.
 
         Returns
         -------
-        ndarray, (6, D)
-            Y: the covariance, which is left to the motion, is ``P - Y^T Y``.
+        before : _Twist
+            The twist when it had taken its step.
+        Y : ndarray, (r, D)
+            The covariance, which is left to the motion, is ``P - Y^T Y``.
         """
-        tau = increment.duration
+        tau, settings = increment.duration, self._settings
         measured = se3.log(increment.T) / tau
-        self._twist_noise.add(measured)
-        walk = tau * self._walk_variance
+        self._motion_noise.hear(measured)
+        walk = np.zeros(_SMALL)
+        walk[_TWIST] = tau * self._motion_noise.walk_variance
+        walk[_BIAS] = tau * settings.gyro_bias_walk_std**2
+        walk[_VELOCITY_BIAS] = tau * settings.velocity_bias_walk_std**2
         P = self.covariance
-        np.einsum("ii->i", P)[:_SMALL] += walk
-        residual = measured - self.twist
-        residual[3:] -= self.gyro_bias
-        # H = [0 I (0 I)^T 0]: the gyroscope's axes read the bias, too.
-        HP = P[_TWIST].copy()
-        HP[3:] += P[_BIAS]
-        R = np.diag(self._twist_noise.std**2)
-        S = HP[:, _TWIST] + R
-        S[:, 3:] += HP[:, _BIAS]
-        L = np.linalg.cholesky(S)
+        variances = np.einsum("ii->i", P)
+        variances[:_SMALL] += walk
+        before = _Twist(self.twist, variances[_TWIST].copy(), measured)
+        H = self._H_twist
+        R = np.full(len(H), settings.slip_std**2 / tau)
+        R[:6] = self._motion_noise.twist_variance
+        residual = np.append(measured - self.twist, -self.twist[_ASIDE])[: len(H)]
+        residual[_ASIDE] -= self.velocity_bias
+        residual[3:6] -= self.gyro_bias
+        HP = H @ P[:_SMALL]
+        L = np.linalg.cholesky(HP[:, :_SMALL] @ H.T + np.diag(R))
         Y = scipy.linalg.blas.dtrsm(1.0, L, HP, lower=1)
         self._shift(scipy.linalg.blas.dtrsv(L, residual, lower=1) @ Y)
         if self._tape is not None:
             self._tape.record(RandomWalk(np.diag(walk)))
-            H = np.zeros((1, 6, _SMALL))
-            H[0, :, _TWIST] = np.eye(6)
-            H[0, 3:, _BIAS] = np.eye(3)
-            self._tape.record(Correction(residual[None], R, H_small=H))
-        return Y
+            self._tape.record(Correction(residual[None], np.diag(R), H_small=H[None]))
+        return before, Y
+
+    def _learn_motion_noise(self, tau: float, before: _Twist) -> None:
+        """Tell the noise of the motion what a step that vision has seen says of it."""
+        P, H = self.covariance[:_SMALL, :_SMALL], self._H_twist[:6]
+        change, variances = self.twist - before.mean, np.diag(P)[_TWIST]
+        error = before.measured - self.twist
+        error[_ASIDE] -= self.velocity_bias
+        error[3:] -= self.gyro_bias
+        unexplained = error**2 + np.einsum("ij,ij->i", H @ P, H)
+        self._motion_noise.learn(change, before.variances, variances, unexplained, tau)
 
     def _move(self, tau: float, Y: Array) -> Keys:
         """Move the body and warp every landmark; return the keys of those it has passed.
@@ -220,8 +258,8 @@ class RobocentricFilter:
         ----------
         tau : float
             Seconds.
-        Y : ndarray, (6, D)
-            By which the covariance is still too large.
+        Y : ndarray, (r, D)
+            By whose square the covariance is still too large.
         """
         motion = se3.exp(tau * self.twist)
         by_twist = tau * se3.right_jacobian(tau * self.twist)
@@ -254,10 +292,12 @@ class RobocentricFilter:
         """Correct by the observations of active landmarks that are believed; retire the others."""
         if len(keys) < self._settings.min_observations:
             return Outcome()
+        # What ends below may change it for the next frame.
+        noise = self._image_point_noise
         slots = slots_of(keys, self.keys)
         residual = self._straight(pixels) - self.image_points[slots]
         try:
-            believed = self._believed(slots, residual)
+            believed = self._believed(slots, residual, noise)
         except scipy.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             self._retire(among(self.keys, keys))
@@ -268,13 +308,13 @@ class RobocentricFilter:
         if not n:
             return Outcome(rejected=rejected)
         slots = slots_of(keys[kept], self.keys)
-        nis = self._apply_directly(slots, residual[kept], believed.inverse)
+        nis = self._apply_directly(slots, residual[kept], np.diag(noise), believed.inverse)
         return Outcome(n, rejected=rejected, nis=nis, nis_dof=3 * n)
 
-    def _believed(self, slots: NDArray[np.int64], residual: Array) -> Consensus:
+    def _believed(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> Consensus:
         """Innovations (n, 3) that pass their own gates and agree with all others."""
         rows = self._rows(slots)
-        P, noise = self.covariance, self._observation.image_point_noise
+        P = self.covariance
         blocks = P[rows[:, :, None], rows[:, None, :]] + noise
         passed = np.flatnonzero(passes_gates(self._settings, residual, blocks))
         seen, _ = seen_and_rest(slots[passed], self.active, _SMALL)
@@ -287,15 +327,16 @@ class RobocentricFilter:
         return Consensus(passed[agreed.kept], agreed.inverse)
 
     def _apply_directly(
-        self, slots: NDArray[np.int64], residual: Array, S_inverse: Array
+        self, slots: NDArray[np.int64], residual: Array, noise: Array, S_inverse: Array
     ) -> float:
-        """Correct the state by innovations (n, 3) of landmarks; return the NIS."""
-        noise = np.diag(self._observation.image_point_noise)
+        """Correct by innovations (n, 3) of landmarks with noise variances (3,); return the NIS."""
         seen, rest = seen_and_rest(slots, self.active, _SMALL)
         variances = np.tile(noise, len(slots))
         cross = correct_directly(self.covariance, seen, rest, variances, S_inverse)
         r = residual.ravel()
         weighted = S_inverse @ r
+        if self._settings.learn_noise:
+            self._pixel_noise.see(slots, S_inverse, weighted)
         delta = np.empty(len(self.covariance))
         delta[seen] = r - variances * weighted
         delta[rest] = cross @ weighted
@@ -309,6 +350,7 @@ class RobocentricFilter:
         self.T_world_body = self.T_world_body @ se3.exp(delta[_POSE])
         self.twist = self.twist + delta[_TWIST]
         self.gyro_bias = self.gyro_bias + delta[_BIAS]
+        self.velocity_bias = self.velocity_bias + delta[_VELOCITY_BIAS]
         self.kappa += float(delta[_LENS])
         change = delta[_SMALL:].reshape(-1, 3)
         change += delta[_LENS] * radial_shift(self._camera, self.image_points)
@@ -324,7 +366,7 @@ class RobocentricFilter:
         if not len(keys):
             return
         y = self._straight(pixels)
-        noise = np.tile(self._observation.image_point_noise, (len(keys), 1, 1))
+        noise = np.tile(self._image_point_noise, (len(keys), 1, 1))
         # A track begun at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
         noise[copied, 1, 1] += stale[copied] ** 2
@@ -332,6 +374,7 @@ class RobocentricFilter:
         self.covariance, _ = admission.carry(self.covariance, _SMALL, self._scratch)
         if self._tape is not None:
             self._tape.record(admission)
+        self._pixel_noise.begin(len(keys))
         self.keys = np.concatenate([self.keys, keys])
         self.image_points = np.concatenate([self.image_points, y])
 
@@ -354,9 +397,15 @@ class RobocentricFilter:
                 _scattered(positions.J_landmark, mapped),
             )
             self._tape.record(retirement)
+        self._pixel_noise.end(gone)
         self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
         kept = np.concatenate([np.arange(_SMALL), self._rows(np.flatnonzero(~gone)).ravel()])
         self.covariance = without(self.covariance, kept, self._scratch)
+
+    @property
+    def _image_point_noise(self) -> Array:
+        """Covariance (3, 3) of an observed image point, square pixels."""
+        return self._pixel_noise.level * self._observation.image_point_noise
 
     def _rows(self, slots: NDArray[np.int64]) -> NDArray[np.int64]:
         """Places (n, 3) of landmarks in the error state."""
@@ -375,6 +424,16 @@ class RobocentricFilter:
     def _has_position(self) -> NDArray[np.bool_]:
         own = diagonal_blocks(self.covariance[_SMALL:, _SMALL:], 3)
         return has_position(self.image_points, own)
+
+
+def _twist_rows(straight: bool) -> Array:
+    """Derivative (6 or 8, 18) of the measured twist, and of what is no slip, by the small part."""
+    H = np.zeros((8, _SMALL))
+    H[:6, _TWIST] = np.eye(6)
+    H[3:6, _BIAS] = np.eye(3)
+    H[_ASIDE, _VELOCITY_BIAS] = np.eye(2)
+    H[6:, _TWIST_ASIDE] = np.eye(2)
+    return H if straight else H[:6]
 
 
 def _scattered(values: Array, places: NDArray[np.bool_]) -> Array:

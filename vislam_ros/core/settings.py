@@ -125,6 +125,28 @@ class SlamSettings(MotionSettings):
         "Random walk of the gyroscope's bias [rad/s/sqrt(s)]; estimator robocentric",
         minimum=0.0,
     )
+    velocity_bias_std: float = setting(
+        0.3,
+        "Prior standard deviation of the slow error of the measured velocity's y and z [m/s]; 0 "
+        "means that there is none; estimator robocentric",
+        minimum=0.0,
+    )
+    velocity_bias_walk_std: float = setting(
+        0.03,
+        "Random walk of that error [m/s/sqrt(s)]; estimator robocentric",
+        minimum=0.0,
+    )
+    slip_std: float = setting(
+        0.25,
+        "White noise of a vehicle's velocity across the direction it points in [m/s sqrt(s)]; 0 "
+        "for bodies that move in any direction; estimator robocentric",
+        minimum=0.0,
+    )
+    learn_noise: bool = setting(
+        True,
+        "Learn the level of the pixel noise and the twist's random walk as the filter goes; what "
+        "is told is the start; estimator robocentric",
+    )
     lens_distortion_std: float = setting(
         0.03,
         "Prior standard deviation of the radial distortion that rectification has left; 0 means "
