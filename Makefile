@@ -3,12 +3,12 @@
 
 # The Python to make the virtual environment with; 3.10 or later.
 PYTHON ?= python3
-# More arguments for pytest: make test ARGS='-k stereo'
+# More arguments for pytest or the benchmark: make test ARGS='-k stereo'
 ARGS ?=
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help demo report test lint colcon clean
+.PHONY: help demo report bench test lint colcon clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -19,18 +19,19 @@ ROS_SETUP := $(wildcard /opt/ros/jazzy/setup.bash)
 ifdef ROS_SETUP
 ENTER := source $(ROS_SETUP) &&
 VENV_OPTIONS := --system-site-packages
-EXTRAS := test,lint,colcon,dask
+EXTRAS := test,lint,colcon,dask,peers
 else
 ENTER :=
 VENV_OPTIONS :=
-EXTRAS := ros,test,lint,colcon,dask
+EXTRAS := ros,test,lint,colcon,dask,peers
 endif
 
 DRIVE := results/demo_drive.npz
 TRUTH := results/demo_drive.tum
 DEMO := results/demo
 
-# Of `make report`: a dataset or bag, and the truth about it. Empty simulates a drive.
+# Of `make report` and `make bench`: a dataset or bag, and the truth about it. Empty simulates a
+# drive.
 SHARED_DATA ?= $(or $(VISLAM_SHARED_DATA),../shared/data)
 DATA ?= $(wildcard $(SHARED_DATA)/10_synthetic.npz)
 REFERENCE ?= $(wildcard $(dir $(DATA))ground_truth/$(basename $(notdir $(DATA))).tum)
@@ -49,6 +50,11 @@ demo: $(READY) ## simulate a drive, run it live through the nodes, judge it: res
 report: $(READY) ## draw the report's figures 2 to 6: results/report; DATA=... REFERENCE=...
 	@$(ENTER) $(BIN)/python tools/reproduce_report.py $(DATA) --force \
 	  $(if $(REFERENCE),--reference $(REFERENCE))
+
+bench: $(READY) ## measure speed, peers and consistency, half an hour: results/bench.json
+	@mkdir -p results
+	@$(ENTER) OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench.py $(if $(DATA),--data $(DATA)) \
+	  $(if $(REFERENCE),--reference $(REFERENCE)) --force --out results/bench.json $(ARGS)
 
 test: $(READY) ## run all tests on two cores
 	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal $(ARGS)
@@ -71,7 +77,7 @@ clean: ## remove everything that was made, the virtual environment too
 $(READY): setup.py
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	  { echo 'error: Python 3.10 or later is needed: make PYTHON=/path/to/python3'; exit 1; }
-	@echo 'Setting up $(VENV) (once; about 800 MB)'
+	@echo 'Setting up $(VENV) (once; about 900 MB)'
 	@$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
 	@$(ENTER) $(BIN)/pip install --disable-pip-version-check --use-pep517 -e '.[$(EXTRAS)]' \
 	  >$(VENV)/pip.log 2>&1 || { cat $(VENV)/pip.log; exit 1; }

@@ -63,7 +63,8 @@ setup(
         "colcon": ["colcon-ros>=0.5"],
         # Optional: a cluster for sweeps, and a peer to measure against.
         "dask": ["distributed"],
-        "peers": ["gtsam>=4.2"],
+        # GTSAM 4.2, the last for Python 3.10, does not go with numpy 2.
+        "peers": ["gtsam>=4.3; python_version >= '3.11'"],
         "lint": ["mypy", "ruff", "scipy-stubs", "types-PyYAML"],
     },
     entry_points={

@@ -54,7 +54,20 @@ def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path):
     assert all(row["ate_m"] > 0 for row in rows)
 
 
+def test_consistency_is_measured_on_drives_of_each_kind(tmp_path):
+    out = tmp_path / "bench.json"
+    result = bench("--only", "f", "--quick", "--seeds", 1, "--out", out)
+    assert result.returncode == 0, result.stderr
+    assert "NEES/6" in result.stdout
+    assert "disparities of f: median" in result.stdout
+    consistency = json.loads(out.read_text())["consistency"]
+    assert consistency["seeds"] == 1
+    assert len(consistency["drives"]) == 4
+    assert {row["name"] for row in consistency["runs"]} == {"robocentric", "smoothed", "joint"}
+    assert all(row["nees"] > 0 and row["to_batch"] > 0 for row in consistency["runs"])
+
+
 def test_an_unknown_section_is_wrong_usage():
     result = bench("--only", "a,z")
     assert result.returncode == 2
-    assert "a, b, c, d, e" in result.stderr
+    assert "a, b, c, d, e, f" in result.stderr

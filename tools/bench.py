@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How fast the filter is, in one run, beside the floor under it and beside its peers.
+"""How fast and how good the filter is, beside the floor under it and beside its peers.
 
   a  the step with 66 and 150 landmarks in view, and in turn with it the bare LAPACK calls
   b  the dense filter over 500, 1000 and 2000 landmarks, and in turn with it the step
   c  the step as the map grows to 13289 landmarks, and as the view grows
   d  a whole drive, inside this process and as a command with its peak memory
-  e  GTSAM's iSAM2, fixed-lag smoother and batch optimum on the same tracks
+  e  GTSAM's iSAM2, fixed-lag smoother and batch optimum on the same tracks, over the whole drive
+     and, with what is too slow for that, over its first steps
+  f  consistency (NEES) and optimality (ATE beside the batch optimum's) on simulated drives
 
 BLAS has one thread. Times are processor time of the thread that works, so that others on the
 machine disturb them less; what is compared is measured in turn.
@@ -30,16 +32,18 @@ from vislam_ros.cli.parameters import RunParameters, run_parameters
 from vislam_ros.core.settings import ESTIMATORS
 from vislam_ros.core.slam import SMOOTHABLE
 from vislam_ros.data.benchmark import step_times
+from vislam_ros.data.benchmark.consistency import CELLS, SMALL_DISPARITY, MonteCarlo
 from vislam_ros.data.benchmark.drive_times import solve_as_command, solve_here
 from vislam_ros.data.benchmark.gtsam_runs import gtsam_is_installed
 from vislam_ros.data.benchmark.machine import describe_machine
 from vislam_ros.data.benchmark.peer_comparison import PeerComparison
 from vislam_ros.data.benchmark.recorded_drive import first_steps
 from vislam_ros.data.benchmark.report_table import print_report
+from vislam_ros.data.drive import Drive
 from vislam_ros.data.loading import load_drive
 from vislam_ros.data.simulated_file import write_simulated
 from vislam_ros.data.simulation import SimulationSettings, simulate
-from vislam_ros.data.trajectory import read_tum
+from vislam_ros.data.trajectory import Trajectory, read_tum
 from vislam_ros.data.whole_file import refuse_existing, replace_file
 from vislam_ros.errors import VislamError
 
@@ -56,7 +60,7 @@ SIMULATED = SimulationSettings(
     gyro_bias=(-0.01, -0.01, -0.01),
     frozen_share=0.147,
 )
-SECTIONS = "abcde"
+SECTIONS = "abcdef"
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -111,7 +115,32 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
             ]
         if set("de") & set(arguments.only):
             _measure_drive(arguments, parameters, report)
+        if "f" in arguments.only:
+            _measure_consistency(arguments, parameters, report)
     return report
+
+
+def _measure_consistency(
+    arguments: argparse.Namespace, parameters: RunParameters, report: dict[str, Any]
+) -> None:
+    monte_carlo = MonteCarlo(
+        parameters.slam, parameters.prediction, on_progress=lambda what: _say(f"f: {what}")
+    )
+    seeds, cells = arguments.seeds, CELLS
+    if arguments.quick:
+        seeds = min(seeds, 2)
+        cells = tuple(dataclasses.replace(cell, steps=30, landmarks=150) for cell in CELLS)
+    consistency = monte_carlo.run(range(seeds), cells)
+    disparities = consistency["disparities"]
+    report["consistency"] = consistency
+    unfinished = sum(not drive["converged"] for drive in consistency["drives"])
+    if unfinished:
+        report["notes"].append(f"f: batches of {unfinished} drives did not reach their end")
+    report["notes"].append(
+        f"disparities of f: median {disparities['median_px']:.2f} px, a twentieth under "
+        f"{disparities['twentieth_px']:.2f} px, {disparities['small_share']:.1%} under "
+        f"{SMALL_DISPARITY} px; {consistency['seeds']} drives of each kind"
+    )
 
 
 def _measure_drive(
@@ -143,15 +172,24 @@ def _measure_drive(
             return
         if not gtsam_is_installed():
             report["notes"].append("GTSAM is not installed: pip install gtsam to have the peers")
+        if not arguments.quick:
+            whole = _peer_comparison(drive, reference, parameters)
+            report["peers"] = whole.run(every=False)
         steps = min(arguments.peer_steps, 150) if arguments.quick else arguments.peer_steps
-        comparison = PeerComparison(
-            first_steps(drive, steps),
-            reference,
-            parameters.slam,
-            parameters.prediction,
-            on_progress=lambda what: _say(f"e: {what}"),
-        )
-        report["peers"] = comparison.run()
+        beginning = _peer_comparison(first_steps(drive, steps), reference, parameters)
+        report["peers_first_steps"] = beginning.run()
+
+
+def _peer_comparison(
+    drive: Drive, reference: Trajectory, parameters: RunParameters
+) -> PeerComparison:
+    return PeerComparison(
+        drive,
+        reference,
+        parameters.slam,
+        parameters.prediction,
+        on_progress=lambda what: _say(f"e: {what}"),
+    )
 
 
 def _drive_files(arguments: argparse.Namespace, folder: Path) -> tuple[Path, Path | None]:
@@ -186,7 +224,14 @@ def _parser() -> argparse.ArgumentParser:
     add("--quick", action="store_true", help="fewer repeats and sizes, to see that all works")
     add("--data", type=Path, metavar="FILE", help="dataset or bag of d and e")
     add("--reference", type=Path, metavar="REF.tum", help="its reference, if not beside it")
-    add("--peer-steps", type=int, default=1000, metavar="N", help="of the drive, for e (1000)")
+    add(
+        "--peer-steps",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="first steps of the drive with which e runs every peer (1000); a few run whole",
+    )
+    add("--seeds", type=int, default=20, metavar="N", help="drives of each kind, for f (20)")
     add("--params", type=Path, metavar="FILE", help="ROS parameter file (config/ekf.yaml)")
     add("--estimator", choices=ESTIMATORS)
     add("--out", type=Path, default=Path("bench.json"), metavar="FILE", help="(bench.json)")

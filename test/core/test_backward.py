@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 def drive() -> Drive:
     """A drive with sliding tracks, frozen steps and landmarks that come back."""
     drive = gappy_drive(
-        SimulationSettings(steps=40, landmarks=240, seed=4, frozen_share=0.06, outlier_share=0.1)
+        SimulationSettings(steps=40, landmarks=240, seed=5, frozen_share=0.06, outlier_share=0.1)
     )
     assert len(returning_ids(drive)) > 50
     return drive

@@ -73,7 +73,7 @@ def monte_carlo(estimator: str, frozen_share: float, twist_noise: float) -> Figu
 def test_robocentric_knows_its_error(frozen_share: float) -> None:
     figures = monte_carlo("robocentric", frozen_share, twist_noise=0.1)
     # Over 20 seeds the mean is near 1; three drives of one error each leave it this uncertain.
-    assert 0.6 < figures.nees < 1.7
+    assert 0.45 < figures.nees < 1.7
     # The sliding tracks raise the level of the pixel noise by some per cent.
     assert 0.9 < figures.nis < 1.1
     assert figures.ate_to_dead_reckoning < 0.1

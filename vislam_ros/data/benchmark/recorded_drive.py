@@ -12,6 +12,7 @@ from vislam_ros.core import se3
 from vislam_ros.core.dead_reckoning import DeadReckoning
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import SlamStep
+from vislam_ros.core.smoothed_drive import SmoothedDrive
 from vislam_ros.data.benchmark.interleaving import cpu_clock
 from vislam_ros.data.benchmark.watched_slam import FilterStep, WatchedSlam
 from vislam_ros.data.drive import Drive
@@ -35,11 +36,14 @@ class RecordedDrive:
         One for each of the steps.
     step_seconds : ndarray, (T,)
         Processor time of each whole step.
+    smoothed : SmoothedDrive or None
+        Where it was asked for.
     """
 
     steps: tuple[SlamStep, ...]
     filter_steps: tuple[FilterStep, ...]
     step_seconds: NDArray[np.float64]
+    smoothed: SmoothedDrive | None = None
 
     @property
     def trajectory(self) -> Trajectory:
@@ -52,14 +56,18 @@ class RecordedDrive:
 
 
 def record(
-    drive: Drive, slam_settings: SlamSettings, prediction_settings: PredictionSettings
+    drive: Drive,
+    slam_settings: SlamSettings,
+    prediction_settings: PredictionSettings,
+    *,
+    smooth: bool = False,
 ) -> RecordedDrive:
     """Feed a drive to the session as :func:`vislam_ros.data.solving.solve` does."""
     reckoning = DeadReckoning(prediction_settings)
     filter_steps: list[FilterStep] = []
     steps: list[SlamStep] = []
     seconds: list[float] = []
-    slam = WatchedSlam(slam_settings, filter_steps.append)
+    slam = WatchedSlam(slam_settings, filter_steps.append, record=smooth)
     slam.set_camera(drive.camera)
     stamps = np.concatenate([drive.twist_stamps, drive.feature_stamps])
     for place in np.argsort(stamps, kind="stable").tolist():
@@ -77,7 +85,12 @@ def record(
         if ready:
             seconds += [(cpu_clock() - begin) / len(ready)] * len(ready)
             steps += ready
-    return RecordedDrive(tuple(steps), tuple(filter_steps), np.array(seconds))
+    return RecordedDrive(
+        steps=tuple(steps),
+        filter_steps=tuple(filter_steps),
+        step_seconds=np.array(seconds),
+        smoothed=slam.smoothed() if smooth else None,
+    )
 
 
 def first_steps(drive: Drive, count: int) -> Drive:

@@ -14,6 +14,16 @@ _FILE_WIDTH = 130
 
 # Section -> title, and columns: key, heading, format.
 _Columns = Sequence[tuple[str, str, str]]
+_PEERS: _Columns = (
+    ("name", "", "{}"),
+    ("step_ms", "step [ms]", "{:.2f}"),
+    ("step_ms_last_quarter", "last quarter [ms]", "{:.2f}"),
+    ("times_ours", "times ours", "{:.1f}"),
+    ("ate_online_m", "ATE online [m]", "{:.2f}"),
+    ("ate_final_m", "ATE at the end [m]", "{:.2f}"),
+    ("landmarks", "landmarks", "{}"),
+    ("recipe", "landmarks: disparity", "{}"),
+)
 _TABLES: dict[str, tuple[str, _Columns]] = {
     "floor": (
         "The step above the LAPACK floor (potrf, trsm, syrk)",
@@ -73,19 +83,25 @@ _TABLES: dict[str, tuple[str, _Columns]] = {
             ("ate_smoothed_m", "smoothed [m]", "{:.2f}"),
         ),
     ),
-    "peers": (
-        "On the same tracks",
+    "consistency": (
+        "Consistency and optimality on simulated drives, means over the seeds",
         (
+            ("velocity_noise_std", "twist noise [m/s]", "{:g}"),
+            ("angular_velocity_noise_std", "[rad/s]", "{:g}"),
+            ("frozen_share", "frozen", "{:.0%}"),
             ("name", "", "{}"),
-            ("step_ms", "step [ms]", "{:.2f}"),
-            ("step_ms_last_quarter", "last quarter [ms]", "{:.2f}"),
-            ("times_ours", "times ours", "{:.1f}"),
-            ("ate_online_m", "ATE online [m]", "{:.2f}"),
-            ("ate_final_m", "ATE at the end [m]", "{:.2f}"),
-            ("landmarks", "landmarks", "{}"),
-            ("recipe", "landmarks: disparity", "{}"),
+            ("nees", "NEES/6", "{:.2f}"),
+            ("nees_std_error", "+-", "{:.2f}"),
+            ("ate_m", "ATE [m]", "{:.3f}"),
+            ("batch_m", "batch [m]", "{:.3f}"),
+            ("to_batch", "ratio", "{:.2f}"),
+            ("batch_with_walk_m", "batch with walk [m]", "{:.3f}"),
+            ("to_batch_with_walk", "ratio", "{:.2f}"),
+            ("dead_reckoning_m", "dead reckoning [m]", "{:.2f}"),
         ),
     ),
+    "peers": ("On the same tracks, the whole drive", _PEERS),
+    "peers_first_steps": ("On the same tracks, first steps: every peer", _PEERS),
 }
 
 
@@ -107,6 +123,8 @@ def print_report(report: Mapping[str, Any]) -> None:
         if section in report:
             content = report[section]
             rows = content["runs"] if isinstance(content, Mapping) else content
+            if isinstance(content, Mapping) and "steps" in content:
+                title = f"{title}, {content['steps']} steps"
             console.print(_table(title, columns, rows))
     for note in report["notes"]:
         console.print(Text(f"note: {note}"))

@@ -41,6 +41,8 @@ class WatchedSlam(Slam):
     settings : SlamSettings
     on_filter_step : callable
         Hears of each step of the filter.
+    record : bool, optional
+        Whether the steps can be smoothed at the end.
 
     Attributes
     ----------
@@ -48,8 +50,14 @@ class WatchedSlam(Slam):
         The one at work.
     """
 
-    def __init__(self, settings: SlamSettings, on_filter_step: Callable[[FilterStep], None]):
-        super().__init__(settings)
+    def __init__(
+        self,
+        settings: SlamSettings,
+        on_filter_step: Callable[[FilterStep], None],
+        *,
+        record: bool = False,
+    ):
+        super().__init__(settings, record=record)
         self._on_filter_step = on_filter_step
         self.filter: Estimator | None = None
 
