@@ -4,11 +4,11 @@
 
 The error state is ``[small; delta_1; ...; delta_n]``: a small part that begins with the pose error
 ``[rho; theta]`` on the right, and three numbers for each active landmark. Forwards an operation
-carries the covariance P, in place where its size stays. Backwards it carries the adjoints of the
-modified Bryson-Fraser smoother (Bierman, *Fixed interval smoothing with discrete measurements*,
-1973): if C is the cross-covariance of anything with the error state at some time, then all that
-was observed later moves its estimate by ``C lambda`` and lowers its covariance by ``C Lambda
-C^T``.
+carries the covariance P, backwards it carries adjoints, both in place where their size stays.
+They are those of the modified Bryson-Fraser smoother (Bierman, *Fixed interval smoothing with
+discrete measurements*, 1973): if C is the cross-covariance of anything with the error state at
+some time, then all that was observed later moves its estimate by ``C lambda`` and lowers its
+covariance by ``C Lambda C^T``.
 
 An update moves the pose by ``T <- T Exp(delta)`` and from then on the error is one about the new
 pose. The Jacobian of that change is the identity to first order, and the identity is what the
@@ -139,21 +139,26 @@ class Transition:
 
     def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
         """``lambda <- F^T lambda``, ``Lambda <- F^T Lambda F``."""
-        vector = self._transposed_times(adjoint.vector[:, None])[:, 0]
-        matrix = self._transposed_times(self._transposed_times(adjoint.matrix).T)
-        return Adjoint(vector, symmetrized(matrix))
+        vector = np.empty_like(adjoint.vector)
+        self._transposed_times(adjoint.vector[:, None], vector[:, None])
+        half = np.empty_like(adjoint.matrix)
+        self._transposed_times(adjoint.matrix, half)
+        self._transposed_times(half.T, adjoint.matrix)
+        mirror_upper(adjoint.matrix)
+        return Adjoint(vector, adjoint.matrix)
 
-    def _transposed_times(self, X: Array) -> Array:
-        """Return F^T X for X (D, c)."""
+    def _transposed_times(self, X: Array, result: Array) -> None:
+        """Put F^T X into a result (D, c) for X (D, c)."""
         s, columns = len(self.small), X.shape[1]
-        result = X.copy()
-        result[:s] = self.small.T @ X[:s]
-        if self.landmarks is not None:
-            blocks = np.swapaxes(self.landmarks, -1, -2) @ X[s:].reshape(-1, 3, columns)
-            result[s:] = blocks.reshape(-1, columns)
+        np.matmul(self.small.T, X[:s], out=result[:s])
+        if self.landmarks is None:
+            result[s:] = X[s:]
+        else:
+            blocks = result[s:].reshape(-1, 3, columns)
+            transposed = np.swapaxes(self.landmarks, -1, -2)
+            np.matmul(transposed, X[s:].reshape(-1, 3, columns), out=blocks)
         if self.coupling is not None:
             result[6:s] += self.coupling.reshape(len(X) - s, s - 6).T @ X[s:]
-        return result
 
 
 @dataclass(frozen=True)
@@ -242,13 +247,15 @@ class Correction:
             G.append((H_landmark_T @ L_inverse.T.reshape(n, r, n * r)).reshape(3 * n, n * r))
         rows, Phi_T, G_rows = np.concatenate(seen), np.concatenate(blocks), np.concatenate(G)
         Phi_T[np.arange(len(rows)), rows] += 1.0
-        vector = adjoint.vector.copy()
-        vector[rows] = G_rows @ (L_inverse @ residual.ravel()) + Phi_T @ adjoint.vector
-        matrix = adjoint.matrix.copy()
-        matrix[rows] = Phi_T @ adjoint.matrix
-        matrix[:, rows] = matrix @ Phi_T.T
-        matrix[np.ix_(rows, rows)] += G_rows @ G_rows.T
-        return Adjoint(vector, symmetrized(matrix))
+        vector, matrix = adjoint.vector, adjoint.matrix
+        vector[rows] = G_rows @ (L_inverse @ residual.ravel()) + Phi_T @ vector
+        # The other rows of (I - K H)^T are those of the identity.
+        half = Phi_T @ matrix
+        own = half @ Phi_T.T + G_rows @ G_rows.T
+        matrix[rows] = half
+        matrix[:, rows] = half.T
+        matrix[np.ix_(rows, rows)] = symmetrized(own)
+        return Adjoint(vector, matrix)
 
 
 def seen_and_rest(slots: NDArray[np.int64], active: int, s: int) -> tuple[Rows, Rows]:
@@ -299,10 +306,9 @@ class DirectCorrection:
         S_inverse, cross = kept
         seen, rest = seen_and_rest(self.slots, (len(adjoint.vector) - s) // 3, s)
         variances = np.tile(self.noise, len(self.slots))
-        before, Lambda = adjoint.vector, adjoint.matrix
-        vector = before.copy()
+        vector, Lambda = adjoint.vector, adjoint.matrix
         vector[seen] = S_inverse @ (
-            self.residual.ravel() + variances * before[seen] - cross.T @ before[rest]
+            self.residual.ravel() + variances * vector[seen] - cross.T @ vector[rest]
         )
         of_rest = Lambda[block(rest, seen)] * variances - Lambda[block(rest, rest)] @ cross
         square = -cross.T @ of_rest
@@ -310,12 +316,14 @@ class DirectCorrection:
         own -= Lambda[block(seen, rest)] @ cross
         own *= variances[:, None]
         square += own
-        matrix = Lambda.copy()
         mixed = of_rest @ S_inverse
-        matrix[block(rest, seen)] = mixed
-        matrix[block(seen, rest)] = mixed.T
-        matrix[block(seen, seen)] = symmetrized(S_inverse @ square @ S_inverse) + S_inverse
-        return Adjoint(vector, matrix)
+        Lambda[block(rest, seen)] = mixed
+        Lambda[block(seen, rest)] = mixed.T
+        square = S_inverse @ square @ S_inverse
+        mirror_upper(square)
+        square += S_inverse
+        Lambda[block(seen, seen)] = square
+        return Adjoint(vector, Lambda)
 
 
 @dataclass(frozen=True)

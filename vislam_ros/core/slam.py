@@ -276,7 +276,7 @@ class Slam:
             reason = Refusal.WRONG_SIZE
         elif not np.all(np.isfinite(pixels)):
             reason = Refusal.NON_FINITE
-        elif len(np.unique(ids)) != len(ids):
+        elif not np.all(ids[1:] > ids[:-1]) and len(np.unique(ids)) != len(ids):
             reason = Refusal.DUPLICATE_IDS
         elif reason is None and len(self._pending) >= self._settings.max_pending:
             reason = Refusal.QUEUE_FULL

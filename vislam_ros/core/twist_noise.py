@@ -16,6 +16,8 @@ _VARIANCE_RATIO = 20.0
 _MEDIAN_TO_STD = 1.4826
 # Samples remembered: half a minute at 10 Hz, enough for a median that is good to 5 %.
 _WINDOW = 300
+# The median is taken anew at every sample at first, and then at every tenth.
+_OFTEN, _RENEWAL = 50, 10
 # The prior counts as this many third differences.
 _PRIOR_WEIGHT = 10
 
@@ -29,6 +31,11 @@ class TwistNoise:
     ----------
     prior : ndarray, (6,)
         What to believe before there are samples.
+
+    Attributes
+    ----------
+    std : ndarray, (6,)
+        Standard deviations, metres and radians a second.
     """
 
     def __init__(self, prior: Array):
@@ -37,6 +44,7 @@ class TwistNoise:
         # A ring of absolute third differences.
         self._differences = np.empty((_WINDOW, 6))
         self._heard = 0
+        self.std: Array = prior
 
     def add(self, twist: Array) -> None:
         """Hear a sample (6,)."""
@@ -45,13 +53,11 @@ class TwistNoise:
             a, b, c, d = self._samples
             self._differences[self._heard % _WINDOW] = np.abs(d - 3 * c + 3 * b - a)
             self._heard += 1
+            if self._heard < _OFTEN or self._heard % _RENEWAL == 0:
+                self.std = self._measured()
 
-    @property
-    def std(self) -> Array:
-        """Standard deviations (6,), metres and radians a second."""
+    def _measured(self) -> Array:
         count = min(self._heard, _WINDOW)
-        if count == 0:
-            return self._prior
         middle = [(count - 1) // 2, count // 2]
         ordered = np.partition(self._differences[:count], middle, axis=0)
         median = 0.5 * (ordered[middle[0]] + ordered[middle[1]])
