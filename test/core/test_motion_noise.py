@@ -46,3 +46,24 @@ def test_a_twist_that_never_changes_keeps_some_room() -> None:
     for _ in range(2000):
         noise.learn(np.zeros(6), 0.1 * noise.walk_variance + 1e-12, np.zeros(6), np.ones(6), 0.1)
     assert np.all(noise.walk_variance > 0)
+
+
+def test_a_twist_that_repeats_itself_keeps_some_noise() -> None:
+    noise = MotionNoise(TWIST, WALK)
+    for _ in range(400):
+        noise.hear(np.array([1.0, 0, 0, 0, 0, 0.1]))
+    assert np.all(noise.twist_variance > 0)
+
+
+def test_what_vision_sees_of_the_measured_twists_noise_counts_where_it_is_less() -> None:
+    noise = MotionNoise(TWIST, WALK)
+    rng = np.random.default_rng(43)
+    jerks = np.repeat([0.4, 0.04], 3)
+    for _ in range(400):
+        noise.hear(jerks * rng.standard_normal(6))
+    for std, expected in ((0.1, 0.1), (10.0, 0.4)):
+        for _ in range(3000):
+            unexplained = np.repeat([std, 0.1 * std], 3) ** 2
+            noise.learn(np.zeros(6), WALK**2, 0.5 * WALK**2, unexplained, 0.1)
+        levels = np.sqrt(noise.twist_variance)
+        assert_allclose(levels, np.repeat([expected, 0.1 * expected], 3), rtol=0.15)

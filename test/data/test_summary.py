@@ -30,7 +30,14 @@ def test_an_empty_run_has_every_field_and_claims_nothing() -> None:
     assert summary["steps"] == 0
     assert summary["complete"] is False
     assert summary["incomplete_reason"]
-    unknown = ("estimator", "gyro_bias", "rejected_fraction", "step_ms_p50", "realtime_factor")
+    unknown = (
+        "estimator",
+        "gyro_bias",
+        "rejected_fraction",
+        "nis_per_dof",
+        "step_ms_p50",
+        "realtime_factor",
+    )
     assert [summary[name] for name in unknown] == [None] * len(unknown)
     assert {
         "frozen_steps",
@@ -52,14 +59,14 @@ def test_steps_add_up() -> None:
     run = RunSummary()
     for k in range(101):
         run.add_pose(k * 100_000_000)
-        run.add_statistics(
-            step(k, frozen=k % 2 == 0, used=6, rejected=2, observed=10, landmarks=k, ms=float(k))
-        )
+        counts = {"used": 6, "rejected": 2, "observed": 10, "landmarks": k}
+        run.add_statistics(step(k, frozen=k % 2 == 0, nis=9.0, nis_dof=18, ms=float(k), **counts))
     summary = run.as_dict()
     assert summary["steps"] == 101
     assert summary["frozen_steps"] == 51
     assert summary["observations"] == 1010
     assert summary["rejected_fraction"] == 0.25
+    assert summary["nis_per_dof"] == pytest.approx(0.5)
     assert summary["landmarks"] == 100
     assert summary["drive_s"] == pytest.approx(10.0)
     assert (summary["step_ms_p50"], summary["step_ms_p99"]) == (50.0, 99.0)

@@ -19,6 +19,7 @@ _SUMMARY_ROWS = (
     ("tracks", "tracks", "{}"),
     ("observations", "observations", "{}"),
     ("rejected_fraction", "rejected", "{:.2%}"),
+    ("nis_per_dof", "NIS per degree of freedom", "{:.2f}"),
     ("gyro_bias", "gyro bias [rad/s]", "{}"),
     ("wall_s", "first to last step [s]", "{:.2f}"),
     ("total_s", "whole command [s]", "{:.2f}"),

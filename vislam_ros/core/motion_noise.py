@@ -29,6 +29,8 @@ _MEMORY = 300
 _PRIOR_STEPS = 5
 # Steps seen before what they tell of the measured twist counts.
 _ENOUGH_STEPS = 50
+# A twist that repeats itself to the last digit is still no better than this [m/s, rad/s].
+_SMALLEST_NOISE = np.array([1e-5, 1e-6])
 # A motion that never changes would make the twist constant for good [m/s/sqrt(s), rad/s/sqrt(s)].
 _SMALLEST_WALK = np.repeat([3e-3, 3e-4], 3)
 
@@ -69,7 +71,7 @@ class MotionNoise:
         levels = np.min(np.square(self._differences.std).reshape(2, 3), axis=1)
         if self._learned >= _ENOUGH_STEPS:
             levels = np.minimum(levels, np.mean(self._unexplained.reshape(2, 3), axis=1))
-        return np.repeat(levels, 3)
+        return np.repeat(np.maximum(levels, _SMALLEST_NOISE**2), 3)
 
     def learn(
         self, change: Array, before: Array, after: Array, unexplained: Array, tau: float

@@ -319,7 +319,7 @@ class RobocentricFilter:
         passed = np.flatnonzero(passes_gates(self._settings, residual, blocks))
         seen, _ = seen_and_rest(slots[passed], self.active, _SMALL)
         size = 3 * len(passed)
-        S = self._scratch.matrix("S", size, size)
+        S = self._scratch.matrix("half", size, size)
         S[:] = P[block(seen, seen)]
         S.ravel()[:: len(S) + 1] += np.tile(np.diag(noise), len(passed))
         W = self._scratch.matrix("W", size, size)

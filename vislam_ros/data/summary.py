@@ -94,6 +94,8 @@ class RunSummary:
     _observations: int = 0
     _used: int = 0
     _rejected: int = 0
+    _nis: float = 0.0
+    _nis_dof: int = 0
     _step_ms: "array[float]" = field(default_factory=lambda: array("d"))
     _first: tuple[int, float] | None = None  # stamp and time.monotonic()
     _last: tuple[int, float] | None = None
@@ -110,6 +112,8 @@ class RunSummary:
         self._observations += statistics.observed
         self._used += statistics.used
         self._rejected += statistics.rejected
+        self._nis += statistics.nis
+        self._nis_dof += statistics.nis_dof
         self._step_ms.append(statistics.ms)
         self.landmarks = statistics.landmarks
 
@@ -117,6 +121,7 @@ class RunSummary:
         """Return the summary as JSON takes it; None stands for what is not known.
 
         ``rejected_fraction`` is the share of the observations put to the gate that failed it,
+        ``nis_per_dof`` the normalised innovation squared of all others by their number,
         ``drive_s`` the time from the first to the last stamp, ``wall_s`` the time that passed
         meanwhile, and ``realtime_factor`` how much faster than the drive that was.
         """
@@ -135,6 +140,7 @@ class RunSummary:
             "tracks": self.tracks,
             "observations": self._observations,
             "rejected_fraction": self._rejected / gated if gated else None,
+            "nis_per_dof": self._nis / self._nis_dof if self._nis_dof else None,
             "wall_s": wall_s,
             "total_s": time.monotonic() - self.started,
             "drive_s": drive_s,
