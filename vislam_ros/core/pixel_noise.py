@@ -25,6 +25,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.gating import diagonal_blocks
+
 Array = NDArray[np.float64]
 
 # Median of chi-square with 3 degrees of freedom, and how fast the share of tracks above it falls
@@ -70,10 +72,8 @@ class PixelNoise:
         weighted : ndarray, (3 n,)
             ``S^-1 r``, 1 / pixels.
         """
-        n = len(slots)
-        each = np.arange(n)
-        self._score[slots] += weighted.reshape(n, 3)
-        self._information[slots] += S_inverse.reshape(n, 3, n, 3)[each, :, each, :]
+        self._score[slots] += weighted.reshape(-1, 3)
+        self._information[slots] += diagonal_blocks(S_inverse, 3)
 
     def end(self, gone: NDArray[np.bool_]) -> None:
         """Learn from the landmarks (n,) that are gone, and forget them."""

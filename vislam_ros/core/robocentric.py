@@ -176,7 +176,8 @@ class RobocentricFilter:
         """Retire, move, correct and admit."""
         if self._tape is not None:
             self._tape.begin_step(self.covariance)
-        self._retire(among(self.keys, frame.ended))
+        if len(frame.ended):
+            self._retire(among(self.keys, frame.ended))
         passed = np.empty(0, dtype=np.int64)
         moved = increment.duration > _SHORTEST_STEP
         if moved:
@@ -187,7 +188,9 @@ class RobocentricFilter:
         if self._settings.learn_noise and moved and outcome.used:
             self._learn_motion_noise(increment.duration, before)
         # What the body has passed cannot be what is seen: its track begins anew at the next frame.
-        new = ~known & ~among(frame.keys, passed)
+        new = ~known
+        if len(passed):
+            new &= ~among(frame.keys, passed)
         self._admit(frame.keys[new], frame.pixels[new], frame.copied[new])
         if self._tape is not None:
             self._tape.record(PoseMark(self.T_world_body))
@@ -275,8 +278,8 @@ class RobocentricFilter:
         small[_POSE, _TWIST] = by_twist
         coupling = np.zeros((self.active, 3, _SMALL - 6))
         coupling[:, :, :6] = warped.G @ by_twist
-        shift = radial_shift(self._camera, self.image_points)
-        shift_new = radial_shift(self._camera, warped.y)
+        both = np.concatenate([self.image_points, warped.y])
+        shift, shift_new = radial_shift(self._camera, both).reshape(2, -1, 3)
         coupling[:, :, -1] = (warped.F_y @ shift[..., None])[..., 0] - shift_new
         transition = Transition(small, warped.F_y, coupling)
         self.covariance, _ = transition.carry(
@@ -304,18 +307,18 @@ class RobocentricFilter:
             return Outcome(rejected=keys)
         kept, n = believed.kept, len(believed.kept)
         rejected = np.delete(keys, kept)
-        self._retire(among(self.keys, rejected))
+        if len(rejected):
+            self._retire(among(self.keys, rejected))
+            slots = slots_of(keys[kept], self.keys)
         if not n:
             return Outcome(rejected=rejected)
-        slots = slots_of(keys[kept], self.keys)
         nis = self._apply_directly(slots, residual[kept], np.diag(noise), believed.inverse)
         return Outcome(n, rejected=rejected, nis=nis, nis_dof=3 * n)
 
     def _believed(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> Consensus:
         """Innovations (n, 3) that pass their own gates and agree with all others."""
-        rows = self._rows(slots)
         P = self.covariance
-        blocks = P[rows[:, :, None], rows[:, None, :]] + noise
+        blocks = diagonal_blocks(P[_SMALL:, _SMALL:], 3)[slots] + noise
         passed = np.flatnonzero(passes_gates(self._settings, residual, blocks))
         seen, _ = seen_and_rest(slots[passed], self.active, _SMALL)
         size = 3 * len(passed)
@@ -412,11 +415,11 @@ class RobocentricFilter:
         return _SMALL + 3 * slots[:, None] + np.arange(3)
 
     def _image_points_of(self, slots: NDArray[np.int64]) -> ImagePoints:
-        P, rows = self.covariance, self._rows(slots)
+        P = self.covariance
         return ImagePoints(
             y=self.image_points[slots],
-            own=P[rows[:, :, None], rows[:, None, :]],
-            cross=P[rows, :_SMALL],
+            own=diagonal_blocks(P[_SMALL:, _SMALL:], 3)[slots],
+            cross=P[self._rows(slots), :_SMALL],
             small=P[:_SMALL, :_SMALL].copy(),
             T_world_body=self.T_world_body,
         )
