@@ -2,13 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """World-frame landmarks whose covariances are kept one by one, without correlations."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.estimator import Outcome
 from vislam_ros.core.landmarks import LandmarkStore
+from vislam_ros.core.motion import Increment, propagate, symmetrized
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.tracks import Keys
+from vislam_ros.core.tracks import Keys, TrackedFrame, among
 
 Array = NDArray[np.float64]
 
@@ -43,7 +48,7 @@ class IndependentLandmarks:
 
     def retire(self, keys: Keys) -> None:
         """Set landmarks aside as they stand."""
-        gone = np.isin(self.keys, keys)
+        gone = among(self.keys, keys)
         self._retired.add(self.keys[gone], self.means[gone], self.covariances[gone])
         self.keys, self.means = self.keys[~gone], self.means[~gone]
         self.covariances = self.covariances[~gone]
@@ -78,3 +83,67 @@ class IndependentLandmarks:
             np.concatenate([means, self.means]),
             np.concatenate([covariances, self.covariances]),
         )
+
+
+class IndependentLandmarkFilter:
+    """What filters over independent landmarks share: all but the correction.
+
+    Parameters
+    ----------
+    settings : SlamSettings
+    camera : StereoCamera
+
+    Attributes
+    ----------
+    T_world_body : ndarray, (4, 4)
+    pose_covariance : ndarray, (6, 6)
+        Of the pose error ``[rho; theta]`` on the right.
+    """
+
+    gyro_bias = None
+    gyro_bias_std = None
+
+    def __init__(self, settings: SlamSettings, camera: StereoCamera):
+        self._settings = settings
+        self._observation = StereoObservation(camera, settings.pixel_variance)
+        self._landmarks = IndependentLandmarks(settings, self._observation)
+        self.T_world_body = np.eye(4)
+        self.pose_covariance: Array = settings.prior_pose_variance * np.eye(6)
+
+    @property
+    def active(self) -> int:
+        """Number of landmarks that the next frame can correct."""
+        return len(self._landmarks.keys)
+
+    @property
+    def landmark_count(self) -> int:
+        """Number of landmarks, set aside ones included."""
+        return self._landmarks.count
+
+    def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
+        """Move, correct by the landmarks seen again, and admit the new ones."""
+        landmarks = self._landmarks
+        self.T_world_body = self.T_world_body @ increment.T
+        self.pose_covariance = symmetrized(propagate(self.pose_covariance, increment))
+        landmarks.retire(frame.ended)
+        known = among(frame.keys, landmarks.keys)
+        usable = landmarks.has_depth(frame.pixels)
+        seen, new = known & usable, ~known & usable
+        outcome = self._correct(frame.keys[seen], frame.pixels[seen])
+        landmarks.retire(outcome.rejected)
+        landmarks.admit(
+            frame.keys[new], frame.pixels[new], self.T_world_body, self._admission_covariance()
+        )
+        return replace(outcome, admitted=int(new.sum()))
+
+    def landmarks(self) -> tuple[Keys, Array, Array]:
+        """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
+        return self._landmarks.all()
+
+    def _correct(self, keys: Keys, pixels: Array) -> Outcome:
+        """Correct by the observations (n, 4) of tracked landmarks (n,)."""
+        raise NotImplementedError
+
+    def _admission_covariance(self) -> Array:
+        """Covariance (6, 6) of the pose, as far as it is part of a new landmark's."""
+        return self.pose_covariance
