@@ -17,6 +17,7 @@ from scipy.linalg import expm
 
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.disparity_prior import DisparityPrior
 from vislam_ros.core.gating import passes_gates
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.motion_noise import MotionNoise
@@ -148,6 +149,7 @@ class DenseRobocentricFilter:
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
         )
         self.pixel_noise = PixelNoise()
+        self.disparity_prior = DisparityPrior()
         # Keys in the order of the pixel noise.
         self.judged: list[int] = []
         self.T_world_body = np.eye(4)
@@ -193,8 +195,7 @@ class DenseRobocentricFilter:
                 unexplained = error**2 + np.diag(H @ self.P @ H.T)
                 after = np.diag(self.P)[TWIST]
                 self.motion_noise.learn(change, variances, after, unexplained, tau)
-        for i in new:
-            self.admit(keys[i], frame.pixels[i], bool(frame.copied[i]))
+        self.admit([keys[i] for i in new], frame.pixels[new], frame.copied[new].tolist())
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))
             self.augment(np.eye(6, S), np.zeros((6, 6)), np.zeros(6))
@@ -328,18 +329,31 @@ class DenseRobocentricFilter:
         self.estimate[rows] += delta[LENS] * shifted
         self.estimate[POSE] = 0.0
 
-    def admit(self, key: int, pixels: Array, copied: bool) -> None:
+    def admit(self, keys: list[int], pixels: Array, copied: list[bool]) -> None:
         information = FOUR_ROWS.T @ np.linalg.inv(self.V) @ FOUR_ROWS
-        noise = np.linalg.inv(information)
-        z = noise @ FOUR_ROWS.T @ np.linalg.inv(self.V) @ pixels
-        y = z + self.estimate[LENS] * shift(self.camera, z[None])[0].real
-        if copied:
-            noise[1, 1] += (self.settings.stale_disparity * (y[0] - y[1])) ** 2
-        self.pixel_noise.begin(1)
-        self.judged.append(key)
-        self.place_of_key[key] = len(self.P)
-        self.warped_places.append(len(self.P))
-        self.augment(np.zeros((3, S)), noise, y)
+        R = np.linalg.inv(information)
+        z = pixels @ np.linalg.inv(self.V) @ FOUR_ROWS @ R
+        points = z + self.estimate[LENS] * shift(self.camera, z).real
+        noises = [R.copy() for _ in keys]
+        a = np.array([1.0, -1.0, 0.0])
+        for y, noise, stale in zip(points, noises, copied, strict=True):
+            if stale:
+                noise[1, 1] += (self.settings.stale_disparity * (a @ y)) ** 2
+        if self.settings.disparity_prior and keys:
+            self.disparity_prior.hear(points @ a)
+            variances = np.array([a @ noise @ a for noise in noises])
+            means, remaining = self.disparity_prior.posterior(points @ a, variances)
+            for i, noise in enumerate(noises):
+                # As if the disparity had been observed with the noise that leaves what remains.
+                gain = noise @ a / variances[i]
+                points[i] += gain * (means[i] - a @ points[i])
+                noise -= np.outer(gain, gain) * (variances[i] - remaining[i])
+        for key, y, noise in zip(keys, points, noises, strict=True):
+            self.pixel_noise.begin(1)
+            self.judged.append(key)
+            self.place_of_key[key] = len(self.P)
+            self.warped_places.append(len(self.P))
+            self.augment(np.zeros((3, S)), noise, y)
 
     def augment(self, J: Array, noise: Array, estimate: Array) -> None:
         """Add variables that are ``J small + noise`` at present."""

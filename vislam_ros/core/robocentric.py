@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.disparity_prior import DisparityPrior
 from vislam_ros.core.error_operations import (
     Admission,
     Correction,
@@ -134,6 +135,7 @@ class RobocentricFilter:
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
         )
         self._pixel_noise = PixelNoise()
+        self._disparity_prior = DisparityPrior() if settings.disparity_prior else None
         self._H_twist = _twist_rows(settings.slip_std > 0)
         self._scratch = Scratch()
         self._set_aside = ImagePointMap(camera)
@@ -373,6 +375,8 @@ class RobocentricFilter:
         # A track begun at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
         noise[copied, 1, 1] += stale[copied] ** 2
+        if self._disparity_prior is not None:
+            y, noise = self._disparity_prior.applied(y, noise)
         admission = Admission(noise)
         self.covariance, _ = admission.carry(self.covariance, _SMALL, self._scratch)
         if self._tape is not None:

@@ -147,6 +147,11 @@ class SlamSettings(MotionSettings):
         "Learn the level of the pixel noise and the twist's random walk as the filter goes; what "
         "is told is the start; estimator robocentric",
     )
+    disparity_prior: bool = setting(
+        True,
+        "Take the first disparity of a landmark with what those of the drive's others tell of it; "
+        "estimator robocentric",
+    )
     lens_distortion_std: float = setting(
         0.03,
         "Prior standard deviation of the radial distortion that rectification has left; 0 means "

@@ -1,0 +1,111 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What a drive's other landmarks tell of a new one's disparity.
+
+A first observation scatters about the true disparity, and the scatter is not the same both ways:
+most points lie at some middle distance, so a disparity that is measured far from there is the
+more likely one that noise has carried there (the regression to the mean; compare Efron,
+*Tweedie's formula and selection bias*, 2011). A filter that takes first observations at face
+value reads every motion a little wrong, in the same direction all the time.
+
+The prior is log-normal, from the quartiles of the disparities at which landmarks have begun so
+far, with a share of points at infinity. The posterior's mean and variance are sums over a grid
+about each measurement.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# A minute or so of new landmarks; the quartiles are taken anew after every so many.
+_MEMORY = 2000
+_RENEWAL = 50
+# Landmarks before there is a prior.
+_ENOUGH = 100
+# Share of points at infinity. On the drives a hundredth has no positive disparity.
+_AT_INFINITY = 0.02
+# The lower quartile must exceed the noise by so much for its logarithm to mean something.
+_LEAST_QUARTILE = 1.5
+# What lies farther off from its posterior mean than this does not come from the prior [std].
+_FARTHEST = 3.0
+# Distance of the quartiles of a standard normal variable.
+_QUARTILES = 1.349
+# About a measurement, in its standard deviations.
+_GRID = np.linspace(-5.0, 5.0, 41)
+
+
+class DisparityPrior:
+    """Prior of the disparities of new landmarks, learned from those before them."""
+
+    def __init__(self) -> None:
+        self._ring = np.empty(_MEMORY)
+        self._heard = 0
+        self._renewed = -_RENEWAL
+        self._quartiles: Array = np.zeros(3)
+
+    def hear(self, disparities: Array) -> None:
+        """Learn from measured disparities (n,), pixels."""
+        places = (self._heard + np.arange(len(disparities))) % _MEMORY
+        self._ring[places] = disparities
+        self._heard += len(disparities)
+        if self._heard >= _ENOUGH and self._heard - self._renewed >= _RENEWAL:
+            self._renewed = self._heard
+            self._quartiles = np.quantile(self._ring[: self._heard], [0.25, 0.5, 0.75])
+
+    def posterior(self, measured: Array, variance: Array) -> tuple[Array, Array]:
+        """Mean and variance (n,) of disparities, given what was measured of them.
+
+        Parameters
+        ----------
+        measured : ndarray, (n,)
+            Pixels.
+        variance : ndarray, (n,)
+            Of the measurements, square pixels.
+
+        Returns
+        -------
+        mean, variance : ndarray, (n,)
+            What was measured, where there is no prior yet or the two contradict each other.
+        """
+        low, middle, high = self._quartiles
+        if not low > _LEAST_QUARTILE * np.sqrt(np.min(variance, initial=np.inf)) or not high > low:
+            return measured, variance
+        spread = np.log(high / low) / _QUARTILES
+        off = np.sqrt(variance)[:, None] * _GRID
+        points = measured[:, None] + off
+        positive = np.maximum(points, 1e-3)
+        density = np.exp(-0.5 * (np.log(positive / middle) / spread) ** 2) / (positive * spread)
+        width = (_GRID[1] - _GRID[0]) * np.sqrt(variance)[:, None]
+        weights = (points > 0) * density * np.exp(-0.5 * _GRID**2) * width
+        # The points at infinity: all their weight in one.
+        odds = np.sqrt(2 * np.pi) * _AT_INFINITY / (1.0 - _AT_INFINITY)
+        at_infinity = odds * np.exp(-0.5 * measured**2 / variance)
+        total = weights.sum(axis=1) + at_infinity
+        likely = total > np.finfo(float).tiny
+        total = np.where(likely, total, 1.0)
+        shift = (np.sum(weights * off, axis=1) - at_infinity * measured) / total
+        square = (np.sum(weights * off**2, axis=1) + at_infinity * measured**2) / total
+        agrees = likely & (np.abs(shift) < _FARTHEST * np.sqrt(variance))
+        return (
+            np.where(agrees, measured + shift, measured),
+            np.where(agrees, np.clip(square - shift**2, 0.1 * variance, variance), variance),
+        )
+
+    def applied(self, y: Array, noise: Array) -> tuple[Array, Array]:
+        """Image points (n, 3) and their covariances (n, 3, 3), given what the prior says.
+
+        Learns from them first. What of an image point goes with its disparity ``u_left -
+        u_right`` moves along.
+        """
+        measured = y[:, 0] - y[:, 1]
+        self.hear(measured)
+        with_disparity = noise[:, :, 0] - noise[:, :, 1]
+        variance = with_disparity[:, 0] - with_disparity[:, 1]
+        mean, remaining = self.posterior(measured, variance)
+        gain = with_disparity / variance[:, None]
+        known = (variance - remaining)[:, None, None]
+        return (
+            y + gain * (mean - measured)[:, None],
+            noise - known * gain[:, :, None] * gain[:, None, :],
+        )
