@@ -13,11 +13,11 @@ from vislam_ros.core.image_point_map import (
 )
 from vislam_ros.core.lens import radial_shift
 
-SMALL = 9
+SMALL = 7
 
 
 def points(seed, count=4):
-    """Image points of one state, with the covariance (9 + 3 n, 9 + 3 n) that they are cut from."""
+    """Image points of one state, with the covariance (7 + 3 n, 7 + 3 n) that they are cut from."""
     rng = np.random.default_rng(seed)
     half = 0.1 * rng.standard_normal((SMALL + 3 * count, SMALL + 3 * count))
     P = half @ half.T

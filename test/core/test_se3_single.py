@@ -26,6 +26,12 @@ def test_a_single_motion_is_that_of_the_batch(angle, axis):
     R = T[:, :3, :3]
     quaternion = se3_single.quaternion_from_rotation(R[0])
     assert_allclose(quaternion, se3.quaternion_from_rotation(R)[0], rtol=0, atol=1e-15)
+    again = se3_single.rotation_from_quaternion(3.0 * quaternion)
+    assert_allclose(again, R[0], rtol=0, atol=1e-14)
+
+
+def test_a_quaternion_of_length_zero_is_no_rotation():
+    assert np.all(np.isnan(np.diag(se3_single.rotation_from_quaternion(np.zeros(4)))))
 
 
 @pytest.mark.parametrize("angle", [*ANGLES, 40.0])

@@ -37,10 +37,10 @@ class ImagePoints:
     own : ndarray, (m, 3, 3)
         Covariances of the errors at a given distortion: the error of y is ``delta_y +
         D(y) delta_kappa`` (see lens).
-    cross : ndarray, (m, 3, s)
-        Covariances with the small part of the error state, the pose first and the lens last.
-    small : ndarray, (s, s) or (m, s, s)
-        Covariance of the small part.
+    cross : ndarray, (m, 3, 7)
+        Covariances with the errors of the pose and of the lens.
+    small : ndarray, (7, 7) or (m, 7, 7)
+        Covariance of these.
     T_world_body : ndarray, (4, 4) or (m, 4, 4)
     """
 
@@ -63,8 +63,8 @@ class Positions(NamedTuple):
     means : ndarray, (m, 3)
         Metres.
     covariances : ndarray, (m, 3, 3)
-    J_small : ndarray, (m, 3, s)
-        Derivative by the small part.
+    J_small : ndarray, (m, 3, 7)
+        Derivative by the errors of pose and lens.
     J_landmark : ndarray, (m, 3, 3)
         Derivative by the image point.
     """

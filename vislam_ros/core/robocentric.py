@@ -77,6 +77,9 @@ _POSE, _TWIST, _BIAS, _VELOCITY_BIAS = slice(0, 6), slice(6, 12), slice(12, 15),
 _LENS = 17
 _SMALL = 18
 
+# What a landmark's position in the world depends on besides its image point: pose and lens.
+_PLACING = np.array([0, 1, 2, 3, 4, 5, _LENS])
+
 # The velocity's components, and the twist's, that are zero where a vehicle goes where it points.
 _ASIDE, _TWIST_ASIDE = slice(1, 3), slice(7, 9)
 
@@ -395,12 +398,15 @@ class RobocentricFilter:
         self._set_aside.add(self.keys[slots[mapped]], points.of(mapped))
         if self._tape is not None:
             positions = world_positions(self._camera, points.of(mapped))
+            J_small = np.zeros((len(slots), 3, _SMALL))
+            rows = np.flatnonzero(mapped)[:, None, None]
+            J_small[rows, np.arange(3)[:, None], _PLACING] = positions.J_small
             # What has no position leaves the error state all the same, as zeros.
             retirement = Retirement(
                 self.keys[slots],
                 _scattered(positions.means, mapped),
                 gone,
-                _scattered(positions.J_small, mapped),
+                J_small,
                 _scattered(positions.J_landmark, mapped),
             )
             self._tape.record(retirement)
@@ -423,8 +429,8 @@ class RobocentricFilter:
         return ImagePoints(
             y=self.image_points[slots],
             own=diagonal_blocks(P[_SMALL:, _SMALL:], 3)[slots],
-            cross=P[self._rows(slots), :_SMALL],
-            small=P[:_SMALL, :_SMALL].copy(),
+            cross=P[self._rows(slots)[:, :, None], _PLACING],
+            small=P[_PLACING[:, None], _PLACING],
             T_world_body=self.T_world_body,
         )
 

@@ -236,6 +236,8 @@ def pose_matrix(position: ArrayLike, quaternion: ArrayLike) -> Array:
 def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
     """Rotation matrix (..., 3, 3) of quaternions (..., 4) x, y, z, w of any length but zero."""
     q = np.asarray(quaternion, dtype=float)
+    if q.ndim == 1:
+        return se3_single.rotation_from_quaternion(q)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     R = np.empty((*q.shape[:-1], 3, 3))

@@ -80,6 +80,20 @@ def quaternion_from_rotation(R: Array) -> Array:
     return np.array([x / n, y / n, z / n, w / n])
 
 
+def rotation_from_quaternion(quaternion: Array) -> Array:
+    """Rotation matrix (3, 3) of a quaternion (4,) x, y, z, w; of one of length zero, NaN."""
+    x, y, z, w = quaternion.tolist()
+    square = x * x + y * y + z * z + w * w
+    s = 2.0 / square if square else math.nan
+    return np.array(
+        [
+            [1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
+            [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
+            [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)],
+        ]
+    )
+
+
 def right_jacobian(xi: Array) -> Array:
     """Right Jacobian (6, 6) of :func:`exp` at a tangent (6,).
 

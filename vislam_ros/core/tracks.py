@@ -123,8 +123,9 @@ class Tracks:
         -------
         TrackedFrame
         """
-        order = np.argsort(ids)
-        ids, pixels = ids[order], pixels[order]
+        if np.any(ids[1:] < ids[:-1]):
+            order = np.argsort(ids)
+            ids, pixels = ids[order], pixels[order]
         row = np.searchsorted(self._ids, ids)
         row_inside = np.minimum(row, max(len(self._ids) - 1, 0))
         known = np.zeros(len(ids), dtype=bool)

@@ -92,7 +92,8 @@ def solve_as_command(
         "cpu_s": usage.ru_utime + usage.ru_stime,
         "user_s": usage.ru_utime,
         "system_s": usage.ru_stime,
-        "peak_rss_mb": usage.ru_maxrss / 1024,
+        # Not ru_maxrss, which counts what this process held when it started the command.
+        "peak_rss_mb": summary["peak_rss_mb"],
         "steps_wall_s": summary["wall_s"],
         "step_ms_p50": summary["step_ms_p50"],
         "step_ms_p99": summary["step_ms_p99"],
