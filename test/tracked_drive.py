@@ -37,6 +37,16 @@ def gappy_drive(settings: SimulationSettings, lost_share: float = 0.1) -> Drive:
     )
 
 
+def trying_drive(steps: int, landmarks: int, seed: int) -> Drive:
+    """Simulate sliding tracks, frozen steps and landmarks that come back, all in a short drive."""
+    settings = SimulationSettings(
+        steps=steps, landmarks=landmarks, seed=seed, frozen_share=0.06, outlier_share=0.1
+    )
+    drive = gappy_drive(settings)
+    assert len(returning_ids(drive)) > landmarks // 6
+    return drive
+
+
 def increments(drive: Drive, settings: SlamSettings) -> list[Increment]:
     """Predicted motion before each frame."""
     reckoning = DeadReckoning(PredictionSettings(time_jump=settings.time_jump))

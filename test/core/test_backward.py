@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from dense_reference import DenseJointFilter
 from numpy.typing import NDArray
-from tracked_drive import gappy_drive, returning_ids, run
+from tracked_drive import gappy_drive, run, trying_drive
 
 from vislam_ros.core import se3, tape
 from vislam_ros.core.backward import Smoothed, smooth
@@ -32,12 +32,7 @@ Array = NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def drive() -> Drive:
-    """A drive with sliding tracks, frozen steps and landmarks that come back."""
-    drive = gappy_drive(
-        SimulationSettings(steps=40, landmarks=240, seed=5, frozen_share=0.06, outlier_share=0.1)
-    )
-    assert len(returning_ids(drive)) > 50
-    return drive
+    return trying_drive(steps=40, landmarks=240, seed=5)
 
 
 def settings_of(**changes: object) -> SlamSettings:

@@ -5,24 +5,18 @@
 import numpy as np
 import pytest
 from dense_robocentric import DenseRobocentricFilter
-from tracked_drive import gappy_drive, returning_ids, run
+from tracked_drive import run, trying_drive
 
 from vislam_ros.core.backward import smooth
 from vislam_ros.core.robocentric import RobocentricFilter
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tape import Tape
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.simulation import SimulationSettings
 
 
 @pytest.fixture(scope="module")
 def drive() -> Drive:
-    """A drive with sliding tracks, frozen steps and landmarks that come back."""
-    drive = gappy_drive(
-        SimulationSettings(steps=24, landmarks=100, seed=7, frozen_share=0.06, outlier_share=0.1)
-    )
-    assert len(returning_ids(drive)) > 30
-    return drive
+    return trying_drive(steps=24, landmarks=100, seed=7)
 
 
 @pytest.mark.parametrize(

@@ -5,22 +5,16 @@
 import numpy as np
 import pytest
 from dense_reference import DenseJointFilter
-from tracked_drive import gappy_drive, returning_ids, run
+from tracked_drive import run, trying_drive
 
 from vislam_ros.core.joint import JointFilter
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.simulation import SimulationSettings
 
 
 @pytest.fixture(scope="module")
 def drive() -> Drive:
-    """A drive with sliding tracks, frozen steps and landmarks that come back."""
-    drive = gappy_drive(
-        SimulationSettings(steps=50, landmarks=300, seed=3, frozen_share=0.06, outlier_share=0.1)
-    )
-    assert len(returning_ids(drive)) > 50
-    return drive
+    return trying_drive(steps=50, landmarks=300, seed=3)
 
 
 @pytest.mark.parametrize("initialization", ["correlated", "independent"])
