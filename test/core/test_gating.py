@@ -2,12 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 
-from vislam_ros.core.gating import (
-    consensus,
-    diagonal_blocks,
-    mahalanobis_squared,
-    passes_gates,
-)
+from vislam_ros.core.gating import consensus, mahalanobis_squared, passes_gates
+from vislam_ros.core.linear_update import diagonal_blocks
 from vislam_ros.core.settings import SlamSettings
 
 

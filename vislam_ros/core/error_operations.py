@@ -28,6 +28,7 @@ from vislam_ros.core.linear_update import (
     Scratch,
     block,
     correct_directly,
+    diagonal_blocks,
     inverse_of_positive,
     mirror_upper,
     without,
@@ -38,6 +39,11 @@ from vislam_ros.core.tracks import Keys
 Array = NDArray[np.float64]
 Kept = tuple[Array, ...]
 """What an operation's way back needs of the covariance that it met on its way forward."""
+
+
+def landmark_rows(slots: NDArray[np.int64], s: int) -> NDArray[np.int64]:
+    """Places (n, 3) of landmarks' numbers in an error state whose small part has s."""
+    return s + 3 * slots[:, None] + np.arange(3)
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,7 @@ class Transition:
         P_LL = P[s:, s:]
         if self.landmarks is not None:
             n = len(self.landmarks)
-            half = scratch.matrix("half", m, m)
+            half = scratch.matrix("work", m, m)
             np.matmul(self.landmarks, P_LL.reshape(n, 3, m), out=half.reshape(n, 3, m))
             np.matmul(self.landmarks, half.T.reshape(n, 3, m), out=P_LL.reshape(n, 3, m))
             P_Ls = (self.landmarks @ P_Ls.reshape(n, 3, s)).reshape(m, s)
@@ -132,7 +138,7 @@ class Transition:
         elif Y is not None:
             P_LL -= Y[:, s:].T @ Y[:, s:]
         P_ss = A @ P_ss @ A.T
-        P[:s, :s] = 0.5 * (P_ss + P_ss.T)
+        P[:s, :s] = symmetrized(P_ss)
         P[s:, :s] = P_Ls @ A.T
         P[:s, s:] = P[s:, :s].T
         return P, ()
@@ -195,7 +201,7 @@ class Correction:
         """Places (3 n,) of the landmarks' components in the error state."""
         if self.slots is None:
             return np.empty(0, dtype=np.int64)
-        return (s + 3 * self.slots[:, None] + np.arange(3)).ravel()
+        return landmark_rows(self.slots, s).ravel()
 
     def carry(self, P: Array, s: int, scratch: Scratch) -> tuple[Array, Kept]:
         """Return the covariance (D, D) after the update; keep L^-1 of S = L L^T and Y = L^-1 H P.
@@ -265,7 +271,7 @@ def seen_and_rest(slots: NDArray[np.int64], active: int, s: int) -> tuple[Rows, 
     """
     if len(slots) == active and np.all(slots[1:] > slots[:-1]):
         return slice(s, None), slice(0, s)
-    seen = (s + 3 * slots[:, None] + np.arange(3)).ravel()
+    seen = landmark_rows(slots, s).ravel()
     return seen, np.delete(np.arange(s + 3 * active), seen)
 
 
@@ -361,7 +367,7 @@ class Retirement:
             C = (self.J_landmark @ C.reshape(m, 3, len(P))).reshape(3 * m, len(P))
         if self.J_small is not None:
             C = C + self.J_small.reshape(3 * m, s) @ P[:s]
-        own = C[:, ~remaining].reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m)]
+        own = diagonal_blocks(C[:, ~remaining], 3)
         if self.J_landmark is not None:
             own = own @ np.swapaxes(self.J_landmark, -1, -2)
         if self.J_small is not None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.linear_update import diagonal_blocks
+from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.settings import SlamSettings
 
 Array = NDArray[np.float64]
@@ -92,12 +94,6 @@ def consensus(chi2_gate: float, residual: Array, inverse: Array) -> Consensus:
         go = np.flatnonzero(np.repeat(wrong, r))
         cross = inverse[np.ix_(stay, go)]
         change = cross @ np.linalg.solve(inverse[np.ix_(go, go)], cross.T)
-        inverse = inverse[np.ix_(stay, stay)] - 0.5 * (change + change.T)
+        inverse = inverse[np.ix_(stay, stay)] - symmetrized(change)
         kept = kept[~wrong]
     return Consensus(kept, inverse)
-
-
-def diagonal_blocks(matrix: Array, r: int) -> Array:
-    """Copies (n, r, r) of the blocks on the diagonal of a matrix (n r, n r)."""
-    rows = np.arange(len(matrix)).reshape(-1, r)
-    return matrix[rows[:, :, None], rows[:, None, :]]

@@ -20,16 +20,17 @@ from vislam_ros.core.error_operations import (
     RandomWalk,
     Retirement,
     Transition,
+    landmark_rows,
 )
 from vislam_ros.core.estimator import Outcome
 from vislam_ros.core.gating import passes_gates
 from vislam_ros.core.landmarks import LandmarkStore
-from vislam_ros.core.linear_update import correct
+from vislam_ros.core.linear_update import correct, diagonal_blocks
 from vislam_ros.core.motion import Increment, symmetrized
 from vislam_ros.core.observation import PredictedObservation, StereoObservation
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tape import Tape
-from vislam_ros.core.tracks import Keys, TrackedFrame, slots_of
+from vislam_ros.core.tracks import Keys, TrackedFrame, among, slots_of
 
 Array = NDArray[np.float64]
 
@@ -89,7 +90,7 @@ class JointFilter:
             self._tape.begin_step(self.covariance)
         self._predict(increment)
         self._retire(frame.ended)
-        known = np.isin(frame.keys, self.keys)
+        known = among(frame.keys, self.keys)
         usable = self._has_depth(frame.pixels)
         used, rejected, nis, dof = self._correct(
             frame.keys[known & usable], frame.pixels[known & usable]
@@ -110,9 +111,7 @@ class JointFilter:
         )
 
     def _landmark_covariances(self) -> Array:
-        n = len(self.keys)
-        blocks = self.covariance[6:, 6:].reshape(n, 3, n, 3)
-        return blocks[np.arange(n), :, np.arange(n), :]
+        return diagonal_blocks(self.covariance[6:, 6:], 3)
 
     def _has_depth(self, pixels: Array) -> NDArray[np.bool_]:
         return pixels[:, 0] - pixels[:, 2] >= self._settings.min_disparity
@@ -129,7 +128,7 @@ class JointFilter:
             self._tape.record(RandomWalk(increment.covariance))
 
     def _retire(self, keys: Keys) -> None:
-        gone = np.isin(self.keys, keys)
+        gone = among(self.keys, keys)
         if not np.any(gone):
             return
         self._retired.add(self.keys[gone], self.means[gone], self._landmark_covariances()[gone])
@@ -193,8 +192,7 @@ class JointFilter:
     ) -> Array:
         """Return S = H (H P)^T + R (n r, n r), again without the zeros."""
         n, r, _ = predicted.H_pose.shape
-        landmark_rows = (6 + 3 * slots[:, None] + np.arange(3)).ravel()
-        columns = HP.T[landmark_rows].reshape(n, 3, n * r)
+        columns = HP.T[landmark_rows(slots, 6).ravel()].reshape(n, 3, n * r)
         S = (predicted.H_landmark @ columns).reshape(n * r, n * r)
         S += predicted.H_pose.reshape(n * r, 6) @ HP.T[:6]
         blocks = S.reshape(n, r, n, r)

@@ -14,6 +14,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
+from vislam_ros.core.motion import symmetrized
+
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.int64]
 """Components of the error state; those of a block are both slices or both arrays."""
@@ -53,7 +55,7 @@ class Scratch:
 
 def without(P: Array, kept: NDArray[np.int64], scratch: Scratch) -> Array:
     """Covariance (k, k) of some components of an error state."""
-    rows = scratch.matrix("half", len(kept), len(P))
+    rows = scratch.matrix("work", len(kept), len(P))
     np.take(P, kept, axis=0, out=rows, mode="clip")
     rest = scratch.successor(P, len(kept))
     return np.take(rows, kept, axis=1, out=rest, mode="clip")
@@ -187,8 +189,7 @@ def correct_directly(
     """
     cross = P[block(rest, seen)].copy()
     gain = cross @ S_inverse
-    own = P[block(rest, rest)] - gain @ cross.T
-    P[block(rest, rest)] = 0.5 * (own + own.T)
+    P[block(rest, rest)] = symmetrized(P[block(rest, rest)] - gain @ cross.T)
     mixed = gain * noise
     P[block(rest, seen)] = mixed
     P[block(seen, rest)] = mixed.T
@@ -223,6 +224,12 @@ def block(rows: Rows, columns: Rows) -> Any:
     if isinstance(rows, slice) or isinstance(columns, slice):
         return rows, columns
     return np.ix_(rows, columns)
+
+
+def diagonal_blocks(matrix: Array, r: int) -> Array:
+    """Copies (n, r, r) of the blocks on the diagonal of a matrix (n r, n r)."""
+    rows = np.arange(len(matrix)).reshape(-1, r)
+    return matrix[rows[:, :, None], rows[:, None, :]]
 
 
 def _lower_factor(S: Array) -> Array:

@@ -25,7 +25,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.gating import diagonal_blocks
+from vislam_ros.core.linear_update import diagonal_blocks
 
 Array = NDArray[np.float64]
 

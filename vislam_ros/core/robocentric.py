@@ -42,10 +42,11 @@ from vislam_ros.core.error_operations import (
     RandomWalk,
     Retirement,
     Transition,
+    landmark_rows,
     seen_and_rest,
 )
 from vislam_ros.core.estimator import Outcome
-from vislam_ros.core.gating import Consensus, consensus, diagonal_blocks, passes_gates
+from vislam_ros.core.gating import Consensus, consensus, passes_gates
 from vislam_ros.core.image_point_map import (
     ImagePointMap,
     ImagePoints,
@@ -57,6 +58,7 @@ from vislam_ros.core.linear_update import (
     Scratch,
     block,
     correct_directly,
+    diagonal_blocks,
     inverse_of_positive,
     without,
 )
@@ -237,9 +239,7 @@ class RobocentricFilter:
         H = self._H_twist
         R = np.full(len(H), settings.slip_std**2 / tau)
         R[:6] = self._motion_noise.twist_variance
-        residual = np.append(measured - self.twist, -self.twist[_ASIDE])[: len(H)]
-        residual[_ASIDE] -= self.velocity_bias
-        residual[3:6] -= self.gyro_bias
+        residual = np.append(self._twist_error(measured), -self.twist[_ASIDE])[: len(H)]
         HP = H @ P[:_SMALL]
         L = np.linalg.cholesky(HP[:, :_SMALL] @ H.T + np.diag(R))
         Y = scipy.linalg.blas.dtrsm(1.0, L, HP, lower=1)
@@ -249,14 +249,18 @@ class RobocentricFilter:
             self._tape.record(Correction(residual[None], np.diag(R), H_small=H[None]))
         return before, Y
 
+    def _twist_error(self, measured: Array) -> Array:
+        """What a measured twist (6,) is off from the estimate, biases taken into account."""
+        error = measured - self.twist
+        error[_ASIDE] -= self.velocity_bias
+        error[3:] -= self.gyro_bias
+        return error
+
     def _learn_motion_noise(self, tau: float, before: _Twist) -> None:
         """Tell the noise of the motion what a step that vision has seen says of it."""
         P, H = self.covariance[:_SMALL, :_SMALL], self._H_twist[:6]
         change, variances = self.twist - before.mean, np.diag(P)[_TWIST]
-        error = before.measured - self.twist
-        error[_ASIDE] -= self.velocity_bias
-        error[3:] -= self.gyro_bias
-        unexplained = error**2 + np.einsum("ij,ij->i", H @ P, H)
+        unexplained = self._twist_error(before.measured) ** 2 + np.einsum("ij,ij->i", H @ P, H)
         self._motion_noise.learn(change, before.variances, variances, unexplained, tau)
 
     def _move(self, tau: float, Y: Array) -> Keys:
@@ -273,9 +277,10 @@ class RobocentricFilter:
         by_twist = tau * se3.right_jacobian(tau * self.twist)
         warped = warp(self._camera, self.image_points, motion)
         passed = self.keys[~warped.ahead]
+        still_due: Array | None = Y
         if len(passed):
             self.covariance -= Y.T @ Y
-            Y = np.empty((0, 0))
+            still_due = None
             self._retire(~warped.ahead)
             warped = warp(self._camera, self.image_points, motion)
         small = np.eye(_SMALL)
@@ -287,9 +292,7 @@ class RobocentricFilter:
         shift, shift_new = radial_shift(self._camera, both).reshape(2, -1, 3)
         coupling[:, :, -1] = (warped.F_y @ shift[..., None])[..., 0] - shift_new
         transition = Transition(small, warped.F_y, coupling)
-        self.covariance, _ = transition.carry(
-            self.covariance, _SMALL, self._scratch, Y if len(Y) else None
-        )
+        self.covariance, _ = transition.carry(self.covariance, _SMALL, self._scratch, still_due)
         self.T_world_body = self.T_world_body @ motion
         self.image_points = warped.y
         if self._tape is not None:
@@ -327,7 +330,7 @@ class RobocentricFilter:
         passed = np.flatnonzero(passes_gates(self._settings, residual, blocks))
         seen, _ = seen_and_rest(slots[passed], self.active, _SMALL)
         size = 3 * len(passed)
-        S = self._scratch.matrix("half", size, size)
+        S = self._scratch.matrix("work", size, size)
         S[:] = P[block(seen, seen)]
         S.ravel()[:: len(S) + 1] += np.tile(np.diag(noise), len(passed))
         W = self._scratch.matrix("W", size, size)
@@ -422,7 +425,7 @@ class RobocentricFilter:
 
     def _rows(self, slots: NDArray[np.int64]) -> NDArray[np.int64]:
         """Places (n, 3) of landmarks in the error state."""
-        return _SMALL + 3 * slots[:, None] + np.arange(3)
+        return landmark_rows(slots, _SMALL)
 
     def _image_points_of(self, slots: NDArray[np.int64]) -> ImagePoints:
         P = self.covariance

@@ -11,7 +11,7 @@ from vislam_ros.core import se3
 from vislam_ros.core.backward import smooth
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.tape import Tape
-from vislam_ros.core.tracks import Keys, slots_of
+from vislam_ros.core.tracks import Keys, among, slots_of
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def smoothed_drive(
     """
     smoothed = smooth(tape)
     # What was set aside without a position is on the tape and not in the map.
-    mapped = np.isin(smoothed.keys, keys)
+    mapped = among(smoothed.keys, keys)
     slots = slots_of(smoothed.keys[mapped], keys)
     positions, covariances = landmarks.positions.copy(), landmarks.covariances.copy()
     positions[slots] = smoothed.positions[mapped]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive estimated offline, just as the graph would: same core, same numbers handed over."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,11 +46,45 @@ class Solution:
     @property
     def trajectory(self) -> Trajectory:
         """Poses of the steps."""
-        return Trajectory(
-            np.array([step.stamp for step in self.steps], dtype=np.int64),
-            np.array([step.position for step in self.steps]).reshape(-1, 3),
-            np.array([step.quaternion for step in self.steps]).reshape(-1, 4),
-        )
+        return trajectory_of(self.steps)
+
+
+def trajectory_of(poses: Sequence[SlamStep] | Sequence[Prediction]) -> Trajectory:
+    """Poses of steps or of predictions."""
+    return Trajectory(
+        np.array([pose.stamp for pose in poses], dtype=np.int64),
+        np.array([pose.position for pose in poses]).reshape(-1, 3),
+        np.array([pose.quaternion for pose in poses]).reshape(-1, 4),
+    )
+
+
+def feed(
+    drive: Drive, reckoning: DeadReckoning, slam: Slam
+) -> Iterator[tuple[Prediction | None, list[SlamStep]]]:
+    """Give a session a drive, message by message in the order of the stamps.
+
+    Yields
+    ------
+    prediction : Prediction or None
+        What a twist made; None after features, and after a twist that was refused.
+    steps : list of SlamStep
+        The steps that became ready.
+    """
+    # Sorting is stable, so the twist of a stamp comes before its features.
+    stamps = np.concatenate([drive.twist_stamps, drive.feature_stamps])
+    for place in np.argsort(stamps, kind="stable").tolist():
+        k = place - len(drive.twist_stamps)
+        if k >= 0:
+            yield None, slam.add_features(int(drive.feature_stamps[k]), *drive.frame(k))
+            continue
+        prediction = reckoning.add_twist(int(drive.twist_stamps[place]), drive.twists[place])
+        if prediction is None:
+            yield None, []
+        else:
+            yield (
+                prediction,
+                slam.add_prediction(prediction.stamp, prediction.position, prediction.quaternion),
+            )
 
 
 def solve(
@@ -90,40 +124,22 @@ def solve(
     predictions: list[Prediction] = []
     steps: list[SlamStep] = []
 
-    def take(ready: list[SlamStep]) -> None:
-        steps.extend(ready)
-        if on_step:
-            for step in ready:
-                on_step(step)
-
     with threadpoolctl.threadpool_limits(1):
-        take(slam.set_camera(drive.camera))
-        # Sorting is stable, so the twist of a stamp comes before its features.
-        stamps = np.concatenate([drive.twist_stamps, drive.feature_stamps])
-        for place in np.argsort(stamps, kind="stable").tolist():
-            k = place - len(drive.twist_stamps)
-            if k >= 0:
-                take(slam.add_features(int(drive.feature_stamps[k]), *drive.frame(k)))
-                continue
-            prediction = reckoning.add_twist(int(drive.twist_stamps[place]), drive.twists[place])
+        slam.set_camera(drive.camera)
+        for prediction, ready in feed(drive, reckoning, slam):
             if prediction is not None:
                 predictions.append(prediction)
                 if on_prediction:
                     on_prediction(prediction)
-                take(
-                    slam.add_prediction(
-                        prediction.stamp, prediction.position, prediction.quaternion
-                    )
-                )
+            steps += ready
+            if on_step:
+                for step in ready:
+                    on_step(step)
         smoothed = slam.smoothed() if smooth else None
         landmarks = slam.landmarks() if smoothed is None else smoothed.landmarks
     return Solution(
         steps=tuple(steps),
-        dead_reckoning=Trajectory(
-            np.array([prediction.stamp for prediction in predictions], dtype=np.int64),
-            np.array([prediction.position for prediction in predictions]).reshape(-1, 3),
-            np.array([prediction.quaternion for prediction in predictions]).reshape(-1, 4),
-        ),
+        dead_reckoning=trajectory_of(predictions),
         landmarks=landmarks,
         refused={
             **{f"twist_{reason}": count for reason, count in reckoning.refused.items()},

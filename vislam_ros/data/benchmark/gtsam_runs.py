@@ -7,6 +7,7 @@ gate), the twists as factors between poses, and the noise of both. No ready-made
 to the bias of a gyroscope, so it can be given to them, which costs them nothing.
 """
 
+import dataclasses
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -110,15 +111,8 @@ def run_isam2(
             smoother.marginalCovariance(key)
         return smoother.calculateEstimatePose3(key)
 
-    online, seconds, build_seconds = _run_online(growth, update, pose_of)
-    return PeerRun(
-        online=online,
-        final=factors.poses(smoother.calculateEstimate()),
-        update_seconds=seconds,
-        build_seconds=build_seconds,
-        landmarks=growth.landmarks,
-        observations=growth.observations,
-    )
+    run = _run_online(growth, update, pose_of)
+    return dataclasses.replace(run, final=factors.poses(smoother.calculateEstimate()))
 
 
 def run_fixed_lag(
@@ -143,21 +137,11 @@ def run_fixed_lag(
     def update(k: int, graph: Any, values: Any, touched: list[int]) -> object:
         return smoother.update(graph, values, dict.fromkeys(touched, float(times[k])))
 
-    online, seconds, build_seconds = _run_online(growth, update, smoother.calculateEstimatePose3)
-    return PeerRun(
-        online=online,
-        final=None,
-        update_seconds=seconds,
-        build_seconds=build_seconds,
-        landmarks=growth.landmarks,
-        observations=growth.observations,
-    )
+    return _run_online(growth, update, smoother.calculateEstimatePose3)
 
 
-def _run_online(
-    growth: GraphGrowth, update: _Update, pose_of: Callable[[int], Any]
-) -> tuple[Array, Array, float]:
-    """Return the poses as they come (T, 4, 4), the times of the updates (T,) and of the rest."""
+def _run_online(growth: GraphGrowth, update: _Update, pose_of: Callable[[int], Any]) -> PeerRun:
+    """Grow the graph step by step; the poses are taken as they come."""
     factors = growth.factors
     T = np.eye(4)
     online, seconds, build_seconds = [], [], 0.0
@@ -174,7 +158,14 @@ def _run_online(
         seconds.append(cpu_clock() - built)
         build_seconds += built - begin
         online.append(T)
-    return np.array(online), np.array(seconds), build_seconds
+    return PeerRun(
+        online=np.array(online),
+        final=None,
+        update_seconds=np.array(seconds),
+        build_seconds=build_seconds,
+        landmarks=growth.landmarks,
+        observations=growth.observations,
+    )
 
 
 def run_batch(

@@ -17,6 +17,7 @@ from vislam_ros.data.benchmark.interleaving import cpu_clock
 from vislam_ros.data.benchmark.watched_slam import FilterStep, WatchedSlam
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation import associate
+from vislam_ros.data.solving import feed, trajectory_of
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
 
 # White noise of unit variance has third differences of variance 1 + 9 + 9 + 1, and its standard
@@ -48,11 +49,7 @@ class RecordedDrive:
     @property
     def trajectory(self) -> Trajectory:
         """Poses of the steps."""
-        return Trajectory(
-            np.array([step.stamp for step in self.steps], dtype=np.int64),
-            np.array([step.position for step in self.steps]).reshape(-1, 3),
-            np.array([step.quaternion for step in self.steps]).reshape(-1, 4),
-        )
+        return trajectory_of(self.steps)
 
 
 def record(
@@ -69,22 +66,12 @@ def record(
     seconds: list[float] = []
     slam = WatchedSlam(slam_settings, filter_steps.append, record=smooth)
     slam.set_camera(drive.camera)
-    stamps = np.concatenate([drive.twist_stamps, drive.feature_stamps])
-    for place in np.argsort(stamps, kind="stable").tolist():
-        k = place - len(drive.twist_stamps)
-        begin = cpu_clock()
-        if k < 0:
-            prediction = reckoning.add_twist(int(drive.twist_stamps[place]), drive.twists[place])
-            if prediction is None:
-                continue
-            ready = slam.add_prediction(
-                prediction.stamp, prediction.position, prediction.quaternion
-            )
-        else:
-            ready = slam.add_features(int(drive.feature_stamps[k]), *drive.frame(k))
+    begin = cpu_clock()
+    for _, ready in feed(drive, reckoning, slam):
         if ready:
             seconds += [(cpu_clock() - begin) / len(ready)] * len(ready)
             steps += ready
+        begin = cpu_clock()
     return RecordedDrive(
         steps=tuple(steps),
         filter_steps=tuple(filter_steps),
