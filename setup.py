@@ -40,6 +40,7 @@ setup(
         "PyYAML>=6.0",
         "matplotlib>=3.6",
         "mcap>=1.5",
+        "numba>=0.59",
         "numpy>=1.24",
         "rich>=13.3",
         "rosbags>=0.11.9",

@@ -15,7 +15,7 @@ from vislam_ros.core.gating import passes_gates
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.tracks import TrackedFrame
+from vislam_ros.core.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from vislam_ros.core.motion import Increment
 from vislam_ros.core.motion_noise import MotionNoise
 from vislam_ros.core.pixel_noise import PixelNoise
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.tracks import TrackedFrame
+from vislam_ros.core.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
 # Real or complex.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core import se3
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.tracks import TrackedFrame
+from vislam_ros.core.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
 

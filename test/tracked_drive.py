@@ -14,7 +14,8 @@ from vislam_ros.core.estimator import Estimator, Outcome
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.pairing import PredictedPath
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
-from vislam_ros.core.tracks import TrackedFrame, Tracks
+from vislam_ros.core.tracked_frame import TrackedFrame
+from vislam_ros.core.tracks import Tracks
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulation import SimulationSettings, simulate
 

@@ -1,6 +1,7 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vislam_ros.core.disparity_prior import DisparityPrior
@@ -70,3 +71,22 @@ def test_an_image_point_moves_along_with_its_disparity_and_its_covariance_tells(
     assert_allclose((moved - y)[:, 1], -3 * (moved - y)[:, 0])
     assert_array_equal(moved[:, 2], y[:, 2])
     assert np.all(np.linalg.eigvalsh(left) > 0)
+
+
+def test_the_posterior_is_the_integral_over_the_prior():
+    prior = learned(scene(2000)[1])
+    low, middle, high = np.quantile(scene(2000)[1], [0.25, 0.5, 0.75])
+    spread, infinite = np.log(high / low) / 1.349, 0.02
+    measured, variance = np.array([0.5, 3.0, 9.0]), np.array([2.0, 1.5, 0.7])
+    for y, r, mean, remaining in zip(
+        measured, variance, *prior.posterior(measured, variance), strict=True
+    ):
+        x = np.linspace(1e-3, 40.0, 400_001)
+        density = np.exp(-0.5 * (np.log(x / middle) / spread) ** 2) / (x * spread)
+        weights = density * np.exp(-0.5 * (x - y) ** 2 / r) * (x[1] - x[0])
+        # The share of points at infinity, whose disparity is zero.
+        rest = np.sqrt(2 * np.pi) * infinite / (1 - infinite) * np.exp(-0.5 * y**2 / r)
+        total = weights.sum() + rest
+        exact = np.sum(weights * x) / total
+        assert mean == pytest.approx(exact, abs=0.01)
+        assert remaining == pytest.approx(np.sum(weights * x**2) / total - exact**2, rel=0.02)

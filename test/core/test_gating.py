@@ -1,6 +1,7 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
+import pytest
 
 from vislam_ros.core.gating import consensus, mahalanobis_squared, passes_gates
 from vislam_ros.core.linear_update import diagonal_blocks
@@ -17,6 +18,18 @@ def test_the_chi_square_gate_lets_its_share_of_honest_innovations_pass():
     passed = passes_gates(SlamSettings(chi2_gate=16.27), residual, covariance)
     assert 0.0003 < 1 - passed.mean() < 0.002
     assert abs(mahalanobis_squared(residual, covariance).mean() - 3) < 0.1
+
+
+@pytest.mark.parametrize("rows", [1, 3, 4])
+def test_the_mahalanobis_distance_is_that_of_the_inverse(rows):
+    rng = np.random.default_rng(rows)
+    half, residual = rng.standard_normal((50, rows, rows)), rng.standard_normal((50, rows))
+    covariance = half @ np.swapaxes(half, 1, 2) + 0.1 * np.eye(rows)
+    expected = [r @ np.linalg.inv(C) @ r for r, C in zip(residual, covariance, strict=True)]
+    np.testing.assert_allclose(mahalanobis_squared(residual, covariance), expected, rtol=1e-9)
+    covariance[7] = 0.0
+    with pytest.raises(np.linalg.LinAlgError, match="singular"):
+        mahalanobis_squared(residual, covariance)
 
 
 def test_the_pixel_gate_bounds_each_component():
@@ -57,7 +70,11 @@ def test_what_the_others_contradict_is_found_where_its_own_gate_is_wide_open():
     agreed = consensus(16.27, residual, np.linalg.inv(S))
     assert np.setdiff1d(np.arange(30), agreed.kept).tolist() == wrong
     rows = (3 * agreed.kept[:, None] + np.arange(3)).ravel()
-    np.testing.assert_allclose(agreed.inverse, np.linalg.inv(S[np.ix_(rows, rows)]), atol=1e-9)
+    inverse = np.linalg.inv(S[np.ix_(rows, rows)])
+    np.testing.assert_allclose(agreed.inverse, inverse, atol=1e-9)
+    # As corrections take it.
+    assert agreed.inverse.flags.c_contiguous
+    np.testing.assert_allclose(agreed.weighted, inverse @ residual.ravel()[rows], atol=1e-8)
 
 
 def test_honest_innovations_are_contradicted_as_often_as_chi_square_says():

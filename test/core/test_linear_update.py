@@ -9,9 +9,13 @@ from vislam_ros.core.linear_update import (
     Scratch,
     correct,
     correct_directly,
+    diagonal_blocks,
+    innovation_covariance,
     inverse_of_positive,
     mirror_lower,
     mirror_upper,
+    take,
+    whitened,
     without,
 )
 
@@ -48,10 +52,10 @@ def test_a_residual_covariance_that_is_not_positive_leaves_all_as_it_was():
 @pytest.mark.parametrize("size", [1, 3, 49, 50, 51, 200])
 def test_the_inverse_of_a_positive_matrix_is_symmetric_to_the_last_bit(size):
     S = problem(size, 1)[0] + np.eye(size)
-    into = np.full((size, size), np.nan)
-    for inverse in (inverse_of_positive(S.copy()), inverse_of_positive(S.copy(), into)):
-        assert_allclose(inverse @ S, np.eye(size), atol=1e-10)
-        assert np.array_equal(inverse, inverse.T)
+    into = S.copy()
+    inverse = inverse_of_positive(into)
+    assert_allclose(inverse @ S, np.eye(size), atol=1e-10)
+    assert np.array_equal(inverse, inverse.T)
     assert np.shares_memory(inverse, into)
     with pytest.raises(scipy.linalg.LinAlgError, match="not positive"):
         inverse_of_positive(-S)
@@ -60,21 +64,58 @@ def test_the_inverse_of_a_positive_matrix_is_symmetric_to_the_last_bit(size):
 @pytest.mark.parametrize("whole", [True, False], ids=["all landmarks seen", "some, in any order"])
 def test_correcting_by_components_themselves_is_the_textbook_correction(whole):
     P, _, _ = problem(40, 1)
-    if whole:
-        seen, rest = slice(10, None), slice(0, 10)
-        places = np.arange(10, 40)
-    else:
-        seen = places = np.random.default_rng(3).permutation(np.arange(10, 40))[:18]
-        rest = np.setdiff1d(np.arange(40), seen)
-    noise = np.resize([0.7, 1.1, 0.4], len(places))
-    H = np.eye(40)[places]
+    seen = np.arange(10, 40)
+    if not whole:
+        seen = np.random.default_rng(3).permutation(seen)[:18]
+    rest = np.setdiff1d(np.arange(40), seen)
+    noise = np.resize([0.7, 1.1, 0.4], len(seen))
+    H = np.eye(40)[seen]
     S = H @ P @ H.T + np.diag(noise)
     K = P @ H.T @ np.linalg.inv(S)
     corrected = P.copy()
     cross = correct_directly(corrected, seen, rest, noise, np.linalg.inv(S))
     assert_allclose(corrected, P - K @ S @ K.T, atol=1e-10)
     assert_allclose(corrected, corrected.T, atol=1e-12)
-    assert_allclose(cross, P[rest][:, places])
+    assert_allclose(cross, P[rest][:, seen])
+
+
+def test_a_few_rows_whitened_are_the_textbook_correction():
+    P, _, residual = problem(40, 8)
+    H = np.random.default_rng(4).standard_normal((8, 12))
+    H[:, 3:7] = 0.0
+    noise = np.linspace(0.5, 2.0, 8)
+    full = np.hstack([H, np.zeros((8, 28))])
+    S = full @ P @ full.T + np.diag(noise)
+    K = P @ full.T @ np.linalg.inv(S)
+    Y, white = whitened(P, H, noise, residual)
+    assert_allclose(P - Y.T @ Y, P - K @ S @ K.T, atol=1e-9)
+    assert_allclose(white @ Y, K @ residual, atol=1e-9)
+    assert white @ white == pytest.approx(residual @ np.linalg.solve(S, residual))
+    with pytest.raises(np.linalg.LinAlgError, match="not positive"):
+        whitened(-P, H, noise, residual)
+
+
+@pytest.mark.parametrize(
+    "columns", [[], [4], [2, 3, 4, 5], [0, 1, 5, 6, 8], [7, 6, 5], [8, 1, 2, 0]], ids=str
+)
+def test_any_rows_and_columns_are_taken_in_their_order(columns):
+    P, places = problem(9, 1)[0], np.array(columns, dtype=np.int64)
+    rows = np.array([6, 0, 7])
+    taken = np.full((3, len(columns)), np.nan)
+    take(P, rows, places, taken)
+    assert np.array_equal(taken, P[np.ix_(rows, places)])
+    noise = np.arange(1.0, 1.0 + len(columns))
+    S = np.full((len(columns), len(columns)), np.nan)
+    innovation_covariance(P, places, noise, S)
+    assert np.array_equal(S, P[np.ix_(places, places)] + np.diag(noise))
+
+
+def test_diagonal_blocks_are_copies_of_those_of_any_view():
+    P = problem(14, 1)[0]
+    blocks = diagonal_blocks(P[2:, 2:], 3)
+    assert np.array_equal(blocks, [P[k : k + 3, k : k + 3] for k in (2, 5, 8, 11)])
+    blocks[:] = 0.0
+    assert np.all(np.diag(P) != 0.0)
 
 
 def test_components_left_out_leave_the_rest_as_it_was():

@@ -10,7 +10,7 @@ from vislam_ros.core.mapping import MappingFilter
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.tracks import TrackedFrame
+from vislam_ros.core.tracked_frame import TrackedFrame
 
 NO_GATES = {"chi2_gate": 0.0, "pixel_gate": 0.0}
 STILL = Increment(np.eye(4), 0.1, np.zeros((6, 6)))

@@ -16,7 +16,7 @@ from vislam_ros.core.camera import StereoCamera
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.robocentric import RobocentricFilter
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.tracks import Keys, TrackedFrame
+from vislam_ros.core.tracked_frame import Keys, TrackedFrame
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulation import BASELINE, INTRINSICS, T_BODY_CAMERA
 

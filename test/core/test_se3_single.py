@@ -26,6 +26,8 @@ def test_a_single_motion_is_that_of_the_batch(angle, axis):
     R = T[:, :3, :3]
     quaternion = se3_single.quaternion_from_rotation(R[0])
     assert_allclose(quaternion, se3.quaternion_from_rotation(R)[0], rtol=0, atol=1e-15)
+    assert_allclose(se3_single.inverse(T[0]), se3.inverse(T)[0], rtol=0, atol=1e-14)
+    assert_allclose(se3_single.adjoint(T[0]), se3.adjoint(T)[0], rtol=0, atol=1e-14)
     again = se3_single.rotation_from_quaternion(3.0 * quaternion)
     assert_allclose(again, R[0], rtol=0, atol=1e-14)
 

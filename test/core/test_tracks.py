@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vislam_ros.core.tracks import Tracks, slots_of
+from vislam_ros.core.tracks import Tracks, among, places_of, slots_of
 
 
 def frame_of(pixel_of_id):
@@ -127,3 +127,23 @@ def test_an_empty_frame_is_a_frame(tracks):
 
 def test_slots_are_found_in_a_table_of_any_order():
     assert slots_of(np.array([5, 2, 9]), np.array([9, 5, 7, 2])).tolist() == [1, 3, 0]
+
+
+def test_keys_that_are_not_in_a_table_have_no_place():
+    table, none = np.array([9, 5, 7, 2]), np.empty(0, dtype=np.int64)
+    keys = np.array([8, 2, 10, 9, 1])
+    assert places_of(keys, table).tolist() == [-1, 3, -1, 0, -1]
+    assert among(keys, table).tolist() == [False, True, False, True, False]
+    assert not among(keys, none).any()
+    assert places_of(none, table).shape == (0,)
+
+
+def test_a_track_out_of_sight_keeps_its_key_until_it_is_retired():
+    tracks = Tracks(retire_after=3, frozen_share=None)
+    _, first = observe(tracks, {5: 100, 1: 200, 9: 300})
+    for u in (301, 302):
+        frame, _ = observe(tracks, {9: u, 3: u + 50})
+        assert not len(frame.ended)
+    frame, last = observe(tracks, {1: 203, 3: 353, 9: 303})
+    assert (last[1], last[9]) == (first[1], first[9])
+    assert frame.ended.tolist() == [first[5]]

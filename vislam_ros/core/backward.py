@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vislam_ros.core.error_operations import Adjoint, Kept, PoseMark, Retirement
 from vislam_ros.core.linear_update import Scratch
 from vislam_ros.core.tape import Stretch, Tape
-from vislam_ros.core.tracks import Keys
+from vislam_ros.core.tracked_frame import Keys
 
 Array = NDArray[np.float64]
 

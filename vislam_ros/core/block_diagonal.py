@@ -17,7 +17,8 @@ from vislam_ros.core.gating import passes_gates
 from vislam_ros.core.independent_landmarks import IndependentLandmarkFilter
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.pose_update import corrected_by_information
-from vislam_ros.core.tracks import Keys, slots_of
+from vislam_ros.core.tracked_frame import Keys
+from vislam_ros.core.tracks import slots_of
 
 Array = NDArray[np.float64]
 

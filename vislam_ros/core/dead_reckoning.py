@@ -13,7 +13,7 @@ from vislam_ros.core.estimator import Outcome
 from vislam_ros.core.motion import Increment, process_covariance, propagate, symmetrized
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.time_order import Refusal, TimeOrder
-from vislam_ros.core.tracks import Keys, TrackedFrame
+from vislam_ros.core.tracked_frame import Keys, TrackedFrame
 
 Array = NDArray[np.float64]
 

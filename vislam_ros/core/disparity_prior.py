@@ -13,8 +13,12 @@ far, with a share of points at infinity. The posterior's mean and variance are s
 about each measurement.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
+
+from vislam_ros.core.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -33,6 +37,8 @@ _FARTHEST = 3.0
 _QUARTILES = 1.349
 # About a measurement, in its standard deviations.
 _GRID = np.linspace(-5.0, 5.0, 41)
+# Weights that sum up to no more than this say nothing.
+_TINY = float(np.finfo(float).tiny)
 
 
 class DisparityPrior:
@@ -71,26 +77,7 @@ class DisparityPrior:
         low, middle, high = self._quartiles
         if not low > _LEAST_QUARTILE * np.sqrt(np.min(variance, initial=np.inf)) or not high > low:
             return measured, variance
-        spread = np.log(high / low) / _QUARTILES
-        off = np.sqrt(variance)[:, None] * _GRID
-        points = measured[:, None] + off
-        positive = np.maximum(points, 1e-3)
-        density = np.exp(-0.5 * (np.log(positive / middle) / spread) ** 2) / (positive * spread)
-        width = (_GRID[1] - _GRID[0]) * np.sqrt(variance)[:, None]
-        weights = (points > 0) * density * np.exp(-0.5 * _GRID**2) * width
-        # The points at infinity: all their weight in one.
-        odds = np.sqrt(2 * np.pi) * _AT_INFINITY / (1.0 - _AT_INFINITY)
-        at_infinity = odds * np.exp(-0.5 * measured**2 / variance)
-        total = weights.sum(axis=1) + at_infinity
-        likely = total > np.finfo(float).tiny
-        total = np.where(likely, total, 1.0)
-        shift = (np.sum(weights * off, axis=1) - at_infinity * measured) / total
-        square = (np.sum(weights * off**2, axis=1) + at_infinity * measured**2) / total
-        agrees = likely & (np.abs(shift) < _FARTHEST * np.sqrt(variance))
-        return (
-            np.where(agrees, measured + shift, measured),
-            np.where(agrees, np.clip(square - shift**2, 0.1 * variance, variance), variance),
-        )
+        return _posterior(measured, variance, middle, math.log(high / low) / _QUARTILES)
 
     def applied(self, y: Array, noise: Array) -> tuple[Array, Array]:
         """Image points (n, 3) and their covariances (n, 3, 3), given what the prior says.
@@ -109,3 +96,35 @@ class DisparityPrior:
             y + gain * (mean - measured)[:, None],
             noise - known * gain[:, :, None] * gain[:, None, :],
         )
+
+
+@compiled("UniTuple(float64[::1], 2)(float64[:], float64[:], float64, float64)")
+def _posterior(
+    measured: Array, variance: Array, middle: float, spread: float
+) -> tuple[Array, Array]:
+    """Posterior under a log-normal prior about a median, with points at infinity."""
+    mean, remaining = measured.copy(), variance.copy()
+    odds = math.sqrt(2 * math.pi) * _AT_INFINITY / (1.0 - _AT_INFINITY)
+    for i in range(len(measured)):
+        y, std = measured[i], math.sqrt(variance[i])
+        width = (_GRID[1] - _GRID[0]) * std
+        # The points at infinity: all their weight in one.
+        total = odds * math.exp(-0.5 * y * y / variance[i])
+        shift, square = -total * y, total * y * y
+        for step in _GRID:
+            off = std * step
+            if y + off > 0:
+                positive = max(y + off, 1e-3)
+                from_median = math.log(positive / middle) / spread
+                density = math.exp(-0.5 * from_median * from_median) / (positive * spread)
+                weight = density * math.exp(-0.5 * step * step) * width
+                total += weight
+                shift += weight * off
+                square += weight * off * off
+        if total > _TINY:
+            shift, square = shift / total, square / total
+            if abs(shift) < _FARTHEST * std:
+                mean[i] = y + shift
+                left = max(square - shift * shift, 0.1 * variance[i])
+                remaining[i] = min(left, variance[i])
+    return mean, remaining

@@ -23,18 +23,21 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from vislam_ros.core import se3
+from vislam_ros.core.compiled import compiled
 from vislam_ros.core.linear_update import (
     Rows,
     Scratch,
     block,
     correct_directly,
     diagonal_blocks,
+    innovation_covariance,
     inverse_of_positive,
+    mirror_lower,
     mirror_upper,
     without,
 )
 from vislam_ros.core.motion import symmetrized
-from vislam_ros.core.tracks import Keys
+from vislam_ros.core.tracked_frame import Keys
 
 Array = NDArray[np.float64]
 Kept = tuple[Array, ...]
@@ -111,36 +114,23 @@ class Transition:
         together with it than alone.
         """
         A = self.small
-        # What P holds of the small part, as it is before the motion: with itself, with landmarks.
-        rows = P[:s].copy() if Y is None else P[:s] - Y[:, :s].T @ Y
-        P_ss, P_Ls = rows[:, :s], rows[:, s:].T
-        m = len(P_Ls)
-        P_LL = P[s:, s:]
+        if Y is None:
+            Y = np.empty((0, len(P)))
         if self.landmarks is not None:
-            n = len(self.landmarks)
-            half = scratch.matrix("work", m, m)
-            np.matmul(self.landmarks, P_LL.reshape(n, 3, m), out=half.reshape(n, 3, m))
-            np.matmul(self.landmarks, half.T.reshape(n, 3, m), out=P_LL.reshape(n, 3, m))
-            P_Ls = (self.landmarks @ P_Ls.reshape(n, 3, s)).reshape(m, s)
-            # The rest of C P_ss C^T + C P_sL D^T + D P_Ls C^T - D Y_L^T Y_L D^T is of low rank.
-            left, right = [], []
-            if self.coupling is not None:
-                C = self.coupling.reshape(m, s - 6)
-                moved = C @ P_ss[6:]
-                with_half = P_Ls[:, 6:] + 0.5 * moved[:, 6:]
-                left, right = [with_half, C], [C, with_half]
-                P_Ls = P_Ls + moved
-            if Y is not None:
-                DY = (self.landmarks @ Y[:, s:].T.reshape(n, 3, len(Y))).reshape(m, len(Y))
-                left, right = [*left, -DY], [*right, DY]
-            if left:
-                P_LL += np.matmul(np.hstack(left), np.hstack(right).T, out=half)
-        elif Y is not None:
-            P_LL -= Y[:, s:].T @ Y[:, s:]
-        P_ss = A @ P_ss @ A.T
-        P[:s, :s] = symmetrized(P_ss)
-        P[s:, :s] = P_Ls @ A.T
-        P[:s, s:] = P[s:, :s].T
+            n, m = len(self.landmarks), len(P) - s
+            C = np.zeros((n, 3, s - 6)) if self.coupling is None else self.coupling
+            P_ss, P_sL, left, right = _moved_with_small(P, s, Y, self.landmarks, C)
+            rest = scratch.matrix("work", m, m)
+            np.matmul(left.T, right, out=rest)
+            _move_landmarks(P, s, self.landmarks, rest)
+        else:
+            rows = P[:s] - Y[:, :s].T @ Y
+            P_ss, P_sL = rows[:, :s], rows[:, s:]
+            P[s:, s:] -= Y[:, s:].T @ Y[:, s:]
+        P[:s, :s] = A @ P_ss @ A.T
+        mirror_lower(P[:s, :s])
+        P[:s, s:] = A @ P_sL
+        P[s:, :s] = P[:s, s:].T
         return P, ()
 
     def pull_back(self, adjoint: Adjoint, kept: Kept, s: int) -> Adjoint:
@@ -165,6 +155,87 @@ class Transition:
             np.matmul(transposed, X[s:].reshape(-1, 3, columns), out=blocks)
         if self.coupling is not None:
             result[6:s] += self.coupling.reshape(len(X) - s, s - 6).T @ X[s:]
+
+
+@compiled("void(float64[:, :], float64[:, :, ::1], float64[:, :])")
+def _times_transposed(X: Array, D: Array, out: Array) -> None:
+    """Put ``X D^T`` (k, 3 n) into a matrix, for X (k, 3 n) and D of blocks (n, 3, 3)."""
+    for i in range(len(X)):
+        for j in range(len(D)):
+            x, y, z = X[i, 3 * j], X[i, 3 * j + 1], X[i, 3 * j + 2]
+            for r in range(3):
+                out[i, 3 * j + r] = D[j, r, 0] * x + D[j, r, 1] * y + D[j, r, 2] * z
+
+
+@compiled(
+    "UniTuple(float64[:, ::1], 4)"
+    "(float64[:, ::1], int64, float64[:, ::1], float64[:, :, ::1], float64[:, :, ::1])"
+)
+def _moved_with_small(
+    P: Array, s: int, Y: Array, D: Array, C: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Move by D (n, 3, 3) and C (n, 3, s - 6) what P - Y^T Y holds of the small part.
+
+    Returns
+    -------
+    P_ss : ndarray, (s, s)
+        As it was.
+    P_sL : ndarray, (s, 3 n)
+        ``P_sL D^T + P_ss C^T``.
+    left, right : ndarray, (k, 3 n)
+        ``C P_ss C^T + C P_sL D^T + D P_Ls C^T - D Y_L^T Y_L D^T`` is ``left^T right``.
+    """
+    m, k_Y = 3 * len(D), len(Y)
+    rows = P[:s].copy()
+    for i in range(s):
+        for k in range(k_Y):
+            for j in range(len(P)):
+                rows[i, j] -= Y[k, i] * Y[k, j]
+    # Few columns of C are not zero: the biases show in nothing but the twist's measurement.
+    used = [c for c in range(s - 6) if np.any(C[:, :, c])]
+    r = len(used)
+    left, right = np.empty((2 * r + k_Y, m)), np.empty((2 * r + k_Y, m))
+    _times_transposed(Y[:, s:], D, right[2 * r :])
+    P_sL = np.empty((s, m))
+    _times_transposed(rows[:, s:], D, P_sL)
+    for j in range(m):
+        for k in range(r):
+            left[r + k, j] = right[k, j] = C[j // 3, j % 3, used[k]]
+            left[k, j] = P_sL[6 + used[k], j]
+        for k in range(2 * r, 2 * r + k_Y):
+            left[k, j] = -right[k, j]
+    for i in range(s):
+        for k in range(r):
+            for j in range(m):
+                P_sL[i, j] += rows[i, 6 + used[k]] * right[k, j]
+    for k in range(r):
+        # Half of C P_ss C^T on each side.
+        for j in range(m):
+            left[k, j] = 0.5 * (left[k, j] + P_sL[6 + used[k], j])
+            right[r + k, j] = left[k, j]
+    return rows[:, :s].copy(), P_sL, left, right
+
+
+@compiled("void(float64[:, ::1], int64, float64[:, :, ::1], float64[:, ::1])")
+def _move_landmarks(P: Array, s: int, D: Array, rest: Array) -> None:
+    """``P_LL <- D P_LL D^T + rest`` by the lower triangle, for D of blocks (n, 3, 3)."""
+    P_LL, half = P[s:, s:], np.empty((3, 3))
+    for i in range(len(D)):
+        rows = slice(3 * i, 3 * i + 3)
+        for j in range(i + 1):
+            columns = slice(3 * j, 3 * j + 3)
+            own, mirrored, more = P_LL[rows, columns], P_LL[columns, rows], rest[rows, columns]
+            for r in range(3):
+                for c in range(3):
+                    half[r, c] = 0.0
+                    for k in range(3):
+                        half[r, c] += D[i, r, k] * own[k, c]
+            for r in range(3):
+                for c in range(3):
+                    moved = more[r, c]
+                    for k in range(3):
+                        moved += half[r, k] * D[j, c, k]
+                    own[r, c] = mirrored[c, r] = moved
 
 
 @dataclass(frozen=True)
@@ -264,15 +335,31 @@ class Correction:
         return Adjoint(vector, matrix)
 
 
-def seen_and_rest(slots: NDArray[np.int64], active: int, s: int) -> tuple[Rows, Rows]:
-    """Places of some landmarks' numbers, in the order of ``slots``, and of all else.
+@compiled("UniTuple(int64[::1], 2)(int64[:], int64, int64)")
+def seen_and_rest(
+    slots: NDArray[np.int64], active: int, s: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Places of some landmarks' numbers, in the order of ``slots``, and of all else."""
+    seen, is_rest = np.empty(3 * len(slots), dtype=np.int64), np.ones(s + 3 * active, np.bool_)
+    for i in range(len(slots)):
+        for k in range(3):
+            seen[3 * i + k] = s + 3 * slots[i] + k
+            is_rest[s + 3 * slots[i] + k] = False
+    return seen, np.flatnonzero(is_rest)
 
-    Slices where they are all landmarks in their own order, which is the usual and the fast case.
-    """
-    if len(slots) == active and np.all(slots[1:] > slots[:-1]):
-        return slice(s, None), slice(0, s)
-    seen = landmark_rows(slots, s).ravel()
-    return seen, np.delete(np.arange(s + 3 * active), seen)
+
+def of_each(noise: Array, n: int) -> Array:
+    """Variances (3 n,) of the numbers of n landmarks, all with the same (3,)."""
+    variances = np.empty((n, 3))
+    variances[:] = noise
+    return variances.reshape(-1)
+
+
+def _sliced(places: NDArray[np.int64]) -> Rows:
+    """Make places a slice where they follow each other, so that a block of them is a view."""
+    if len(places) and np.all(places[1:] == places[:-1] + 1):
+        return slice(int(places[0]), int(places[-1]) + 1)
+    return places
 
 
 @dataclass(frozen=True)
@@ -296,9 +383,9 @@ class DirectCorrection:
     def carry(self, P: Array, s: int, scratch: Scratch) -> tuple[Array, Kept]:
         """Return the covariance (D, D) after the update; keep S^-1 and the rows P_xL."""
         seen, rest = seen_and_rest(self.slots, (len(P) - s) // 3, s)
-        variances = np.tile(self.noise, len(self.slots))
-        S = P[block(seen, seen)].copy()
-        S.ravel()[:: len(S) + 1] += variances
+        variances = of_each(self.noise, len(self.slots))
+        S = np.empty((len(variances), len(variances)))
+        innovation_covariance(P, seen, variances, S)
         S_inverse = inverse_of_positive(S)
         cross = correct_directly(P, seen, rest, variances, S_inverse)
         return P, (S_inverse, cross)
@@ -310,8 +397,9 @@ class DirectCorrection:
         ``B = [-P_xL; R]``.
         """
         S_inverse, cross = kept
-        seen, rest = seen_and_rest(self.slots, (len(adjoint.vector) - s) // 3, s)
-        variances = np.tile(self.noise, len(self.slots))
+        active = (len(adjoint.vector) - s) // 3
+        seen, rest = map(_sliced, seen_and_rest(self.slots, active, s))
+        variances = of_each(self.noise, len(self.slots))
         vector, Lambda = adjoint.vector, adjoint.matrix
         vector[seen] = S_inverse @ (
             self.residual.ravel() + variances * vector[seen] - cross.T @ vector[rest]

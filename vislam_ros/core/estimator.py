@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.tracks import Keys, TrackedFrame
+from vislam_ros.core.tracked_frame import Keys, TrackedFrame
 
 Array = NDArray[np.float64]
 

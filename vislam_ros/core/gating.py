@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gates: which observations to believe."""
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.compiled import compiled
 from vislam_ros.core.linear_update import diagonal_blocks
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.settings import SlamSettings
@@ -14,10 +16,38 @@ from vislam_ros.core.settings import SlamSettings
 Array = NDArray[np.float64]
 
 
+@compiled("float64(int64, float64[:, :], float64[:, :, :], float64[::1], float64[:, ::1])")
+def _squared_distance(n: int, residual: Array, covariance: Array, r: Array, C: Array) -> float:
+    """Squared Mahalanobis distance of the n-th residual; r (k,) and C (k, k) are to work in.
+
+    With ``C = L D L^T`` it is the sum of the squares of ``L^-1 r``, over D.
+    """
+    for i in range(len(r)):
+        r[i] = residual[n, i]
+        for j in range(i + 1):
+            C[i, j] = covariance[n, i, j]
+    distance = 0.0
+    for k in range(len(r)):
+        if C[k, k] == 0.0:
+            raise np.linalg.LinAlgError("a covariance is singular")
+        for i in range(k + 1, len(r)):
+            factor = C[i, k] / C[k, k]
+            r[i] -= factor * r[k]
+            for j in range(k + 1, i + 1):
+                C[i, j] -= factor * C[j, k]
+        distance += r[k] * r[k] / C[k, k]
+    return distance
+
+
+@compiled("float64[::1](float64[:, :], float64[:, :, :])")
 def mahalanobis_squared(residual: Array, covariance: Array) -> Array:
     """Squared Mahalanobis distances (n,) of residuals (n, r) with covariances (n, r, r)."""
-    weighted = np.linalg.solve(covariance, residual[..., None])[..., 0]
-    return np.einsum("ni,ni->n", residual, weighted)
+    n, k = residual.shape
+    r, C = np.empty(k), np.empty((k, k))
+    distances = np.empty(n)
+    for i in range(n):
+        distances[i] = _squared_distance(i, residual, covariance, r, C)
+    return distances
 
 
 def passes_gates(settings: SlamSettings, residual: Array, covariance: Array) -> NDArray[np.bool_]:
@@ -37,16 +67,28 @@ def passes_gates(settings: SlamSettings, residual: Array, covariance: Array) -> 
     -------
     ndarray of bool, (n,)
     """
-    passed = np.all(np.isfinite(residual), axis=1)
-    if settings.pixel_gate > 0:
-        passed &= np.max(np.abs(residual), axis=1, initial=0.0) <= settings.pixel_gate
-    if settings.chi2_gate > 0:
-        passed &= mahalanobis_squared(residual, covariance) <= settings.chi2_gate
+    return _passed(residual, covariance, settings.pixel_gate, settings.chi2_gate)
+
+
+@compiled("boolean[::1](float64[:, :], float64[:, :, :], float64, float64)")
+def _passed(
+    residual: Array, covariance: Array, pixel_gate: float, chi2_gate: float
+) -> NDArray[np.bool_]:
+    n, k = residual.shape
+    r, C = np.empty(k), np.empty((k, k))
+    passed = np.empty(n, dtype=np.bool_)
+    for i in range(n):
+        credible = True
+        for j in range(k):
+            small = pixel_gate <= 0 or abs(residual[i, j]) <= pixel_gate
+            credible = credible and small and math.isfinite(residual[i, j])
+        if credible and chi2_gate > 0:
+            credible = _squared_distance(i, residual, covariance, r, C) <= chi2_gate
+        passed[i] = credible
     return passed
 
 
-@dataclass(frozen=True)
-class Consensus:
+class Consensus(NamedTuple):
     """Innovations that agree with each other.
 
     Attributes
@@ -54,11 +96,14 @@ class Consensus:
     kept : ndarray of int64, (k,)
         Which they are.
     inverse : ndarray, (3 k, 3 k)
-        Inverse of their joint covariance.
+        Inverse of their joint covariance S.
+    weighted : ndarray, (3 k,)
+        ``S^-1 r``.
     """
 
     kept: NDArray[np.int64]
     inverse: Array
+    weighted: Array
 
 
 def consensus(chi2_gate: float, residual: Array, inverse: Array) -> Consensus:
@@ -82,10 +127,9 @@ def consensus(chi2_gate: float, residual: Array, inverse: Array) -> Consensus:
     """
     r = residual.shape[1]
     kept = np.arange(len(residual))
+    weighted = inverse @ residual.ravel()
     while chi2_gate > 0 and len(kept):
-        n = len(kept)
-        weighted = (inverse @ residual[kept].ravel()).reshape(n, r)
-        distance = mahalanobis_squared(weighted, diagonal_blocks(inverse, r))
+        distance = mahalanobis_squared(weighted.reshape(-1, r), diagonal_blocks(inverse, r))
         worst = float(np.max(distance))
         if worst <= chi2_gate:
             break
@@ -96,4 +140,5 @@ def consensus(chi2_gate: float, residual: Array, inverse: Array) -> Consensus:
         change = cross @ np.linalg.solve(inverse[np.ix_(go, go)], cross.T)
         inverse = inverse[np.ix_(stay, stay)] - symmetrized(change)
         kept = kept[~wrong]
-    return Consensus(kept, inverse)
+        weighted = inverse @ residual[kept].ravel()
+    return Consensus(kept, inverse, weighted)

@@ -6,6 +6,7 @@ Setting a landmark aside costs the filter's step a few copies; its position in t
 worked out when somebody asks for the map, for all that are waiting at once.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -14,10 +15,11 @@ from numpy.typing import NDArray
 
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.compiled import compiled
 from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.lens import radial_shift
 from vislam_ros.core.motion import symmetrized
-from vislam_ros.core.tracks import Keys
+from vislam_ros.core.tracked_frame import Keys
 
 Array = NDArray[np.float64]
 
@@ -52,6 +54,8 @@ class ImagePoints:
 
     def of(self, chosen: NDArray[np.bool_]) -> "ImagePoints":
         """Some (m,) of these landmarks, of one state."""
+        if np.all(chosen):
+            return self
         return replace(self, y=self.y[chosen], own=self.own[chosen], cross=self.cross[chosen])
 
 
@@ -75,10 +79,14 @@ class Positions(NamedTuple):
     J_landmark: Array
 
 
+@compiled("boolean[::1](float64[:, :], float64[:, :, :])")
 def has_position(y: Array, own: Array) -> NDArray[np.bool_]:
     """Tell which image points (m, 3) with covariances (m, 3, 3) are at a certain distance."""
-    variance = own[:, 0, 0] + own[:, 1, 1] - 2 * own[:, 0, 1]
-    return y[:, 0] - y[:, 1] > _SIGNIFICANT_DISPARITY * np.sqrt(np.maximum(variance, 0.0))
+    certain = np.empty(len(y), dtype=np.bool_)
+    for i in range(len(y)):
+        variance = max(own[i, 0, 0] + own[i, 1, 1] - 2 * own[i, 0, 1], 0.0)
+        certain[i] = y[i, 0] - y[i, 1] > _SIGNIFICANT_DISPARITY * math.sqrt(variance)
+    return certain
 
 
 def world_positions(camera: StereoCamera, points: ImagePoints) -> Positions:

@@ -13,7 +13,8 @@ from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.motion import Increment, propagate, symmetrized
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.tracks import Keys, TrackedFrame, among
+from vislam_ros.core.tracked_frame import Keys, TrackedFrame
+from vislam_ros.core.tracks import among
 
 Array = NDArray[np.float64]
 

@@ -30,7 +30,8 @@ from vislam_ros.core.motion import Increment, symmetrized
 from vislam_ros.core.observation import PredictedObservation, StereoObservation
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tape import Tape
-from vislam_ros.core.tracks import Keys, TrackedFrame, among, slots_of
+from vislam_ros.core.tracked_frame import Keys, TrackedFrame
+from vislam_ros.core.tracks import among, slots_of
 
 Array = NDArray[np.float64]
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -21,10 +22,17 @@ def radial_shift(camera: StereoCamera, y: Array) -> Array:
 
     The row, which both images share, takes the mean of both images' shifts.
     """
-    columns = (y[:, :2] - camera.cx) / camera.fx
-    row = (y[:, 2] - camera.cy) / camera.fy
-    r2 = columns * columns + (row * row)[:, None]
-    D = np.empty_like(y)
-    D[:, :2] = camera.fx * columns * r2
-    D[:, 2] = 0.5 * camera.fy * row * (r2[:, 0] + r2[:, 1])
+    return _shifts(y, camera.fx, camera.fy, camera.cx, camera.cy)
+
+
+@compiled("float64[:, ::1](float64[:, :], float64, float64, float64, float64)")
+def _shifts(points: Array, fx: float, fy: float, cx: float, cy: float) -> Array:
+    D = np.empty(points.shape)
+    for i in range(len(points)):
+        left, right = (points[i, 0] - cx) / fx, (points[i, 1] - cx) / fx
+        row = (points[i, 2] - cy) / fy
+        r2_left, r2_right = left * left + row * row, right * right + row * row
+        D[i, 0] = fx * left * r2_left
+        D[i, 1] = fx * right * r2_right
+        D[i, 2] = 0.5 * fy * row * (r2_left + r2_right)
     return D

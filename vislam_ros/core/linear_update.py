@@ -14,7 +14,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
-from vislam_ros.core.motion import symmetrized
+from vislam_ros.core.compiled import compiled
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.int64]
@@ -24,9 +24,7 @@ Rows = slice | NDArray[np.int64]
 # matrices well; a whole triangle of some hundred rows takes it half as long again.
 _BLOCK = 48
 # Rows of L that are inverted at once, for the same reason.
-_BLOCK_OF_INVERSE = 50
-
-_strictly_lower = np.zeros((0, 0), dtype=bool)
+_BLOCK_OF_INVERSE = 40
 
 
 class Scratch:
@@ -55,10 +53,9 @@ class Scratch:
 
 def without(P: Array, kept: NDArray[np.int64], scratch: Scratch) -> Array:
     """Covariance (k, k) of some components of an error state."""
-    rows = scratch.matrix("work", len(kept), len(P))
-    np.take(P, kept, axis=0, out=rows, mode="clip")
     rest = scratch.successor(P, len(kept))
-    return np.take(rows, kept, axis=1, out=rest, mode="clip")
+    take(P, kept, kept, rest)
+    return rest
 
 
 def correct(P: Array, S: Array, HP: Array, residual: Array) -> tuple[Array, float]:
@@ -119,46 +116,102 @@ def correct(P: Array, S: Array, HP: Array, residual: Array) -> tuple[Array, floa
     return Y_T @ whitened, float(whitened @ whitened)
 
 
-def inverse_of_positive(S: Array, out: Array | None = None) -> Array:
-    """Inverse (m, m) of a positive matrix, symmetric to the last bit.
+def inverse_of_positive(S: Array) -> Array:
+    """Inverse (m, m) of a positive matrix, in its place, symmetric to the last bit.
 
     Parameters
     ----------
     S : ndarray, (m, m)
-        C-ordered; is overwritten.
-    out : ndarray, (m, m), optional
-        C-ordered; where to put the inverse.
+        C-ordered; becomes its inverse.
 
     Raises
     ------
     scipy.linalg.LinAlgError
         Where S is not positive.
     """
-    m = len(S)
-    if not m:
+    if not len(S):
         return S
-    L = _lower_factor(S)
-    # Z = L^-1, by rows of blocks: Z_ij = -L_ii^-1 (L_i0 Z_0j + ... + L_i,i-1 Z_i-1,j).
-    Z = np.empty((m, m)) if out is None else out
-    Z[:] = 0.0
-    for begin in range(0, m, _BLOCK_OF_INVERSE):
-        end = min(begin + _BLOCK_OF_INVERSE, m)
-        own, _ = lapack.dtrtri(np.tril(L[begin:end, begin:end]), lower=1)
-        Z[begin:end, begin:end] = own
+    L = _lower_factor(S, clean=1)
+    # Z = L^-1 in the place of L, by rows of blocks:
+    # Z_ij = -L_ii^-1 (L_i0 Z_0j + ... + L_i,i-1 Z_i-1,j).
+    for begin in range(0, len(S), _BLOCK_OF_INVERSE):
+        end = min(begin + _BLOCK_OF_INVERSE, len(S))
+        own, _ = lapack.dtrtri(L[begin:end, begin:end], lower=1)
+        L[begin:end, begin:end] = own
         if begin:
             solved = -own @ L[begin:end, :begin]
-            np.matmul(solved, Z[:begin, :begin], out=Z[begin:end, :begin])
-    # S^-1 = Z^T Z; what LAPACK takes for its upper triangle is C-ordered Z's lower one.
-    product, _ = lapack.dlauum(Z.T, lower=0, overwrite_c=1)
-    W = product.T
-    mirror_lower(W)
-    return W
+            np.matmul(solved, L[:begin, :begin], out=L[begin:end, :begin])
+    # S^-1 = Z^T Z.
+    product, _ = lapack.dlauum(L, lower=1, overwrite_c=1)
+    mirror_lower(product)
+    return cast(Array, product.T)
+
+
+@compiled(
+    "Tuple((float64[:, ::1], float64[::1]))"
+    "(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])"
+)
+def whitened(P: Array, H: Array, noise: Array, residual: Array) -> tuple[Array, Array]:
+    """Whiten a few rows of observations of the first components of the state.
+
+    With ``S = H P H^T + R = L L^T`` the correction takes ``Y^T Y`` from P and adds ``Y^T L^-1 r``
+    to the state, where ``Y = L^-1 H P``.
+
+    Parameters
+    ----------
+    P : ndarray, (D, D)
+    H : ndarray, (r, s)
+        With few entries that are not zero.
+    noise : ndarray, (r,)
+        Variances R.
+    residual : ndarray, (r,)
+
+    Returns
+    -------
+    Y : ndarray, (r, D)
+    whitened_residual : ndarray, (r,)
+        ``L^-1 r``.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where S is not positive.
+    """
+    r, s = H.shape
+    Y, white = np.zeros((r, len(P))), residual.copy()
+    for i in range(r):
+        for k in range(s):
+            if H[i, k] != 0.0:
+                for j in range(len(P)):
+                    Y[i, j] += H[i, k] * P[k, j]
+    L = np.zeros((r, r))
+    for i in range(r):
+        L[i, i] = noise[i]
+        for j in range(i + 1):
+            for k in range(s):
+                L[i, j] += Y[i, k] * H[j, k]
+    for i in range(r):
+        for k in range(i):
+            for j in range(k):
+                L[i, k] -= L[i, j] * L[k, j]
+            L[i, k] /= L[k, k]
+            L[i, i] -= L[i, k] * L[i, k]
+            white[i] -= L[i, k] * white[k]
+            for j in range(len(P)):
+                Y[i, j] -= L[i, k] * Y[k, j]
+        if not L[i, i] > 0.0:
+            raise np.linalg.LinAlgError("S is not positive")
+        L[i, i] = np.sqrt(L[i, i])
+        white[i] /= L[i, i]
+        for j in range(len(P)):
+            Y[i, j] /= L[i, i]
+    return Y, white
 
 
 def correct_directly(
     P: Array,
-    seen: Rows,
-    rest: Rows,
+    seen: NDArray[np.int64],
+    rest: NDArray[np.int64],
     noise: Array,
     S_inverse: Array,
 ) -> Array:
@@ -173,9 +226,9 @@ def correct_directly(
     ----------
     P : ndarray, (D, D)
         Covariance; becomes that after the correction.
-    seen : slice or ndarray of int64, (m,)
+    seen : ndarray of int64, (m,)
         Which components are observed.
-    rest : slice or ndarray of int64, (D - m,)
+    rest : ndarray of int64, (D - m,)
         All others.
     noise : ndarray, (m,)
         Variances R of the observations, which are independent.
@@ -187,36 +240,92 @@ def correct_directly(
     ndarray, (D - m, m)
         P_xL as it was.
     """
-    cross = P[block(rest, seen)].copy()
+    cross = np.empty((len(rest), len(seen)))
+    take(P, rest, seen, cross)
     gain = cross @ S_inverse
-    P[block(rest, rest)] = symmetrized(P[block(rest, rest)] - gain @ cross.T)
-    mixed = gain * noise
-    P[block(rest, seen)] = mixed
-    P[block(seen, rest)] = mixed.T
-    view = isinstance(seen, slice)
-    P_LL = np.multiply(S_inverse, noise, out=P[seen, seen] if view else None)
-    P_LL *= -noise[:, None]
-    np.einsum("ii->i", P_LL)[:] += noise
-    if not view:
-        P[block(seen, seen)] = P_LL
+    _put_corrected(P, seen, rest, noise, S_inverse, gain, gain @ cross.T)
     return cross
+
+
+@compiled("int64[::1](int64[::1])")
+def _runs(places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where runs of places that follow each other begin, and the end of the last one.
+
+    Mostly there is one run or a few: copying them whole takes half the time of place by place.
+    """
+    bounds = [k for k in range(len(places)) if k == 0 or places[k] != places[k - 1] + 1]
+    bounds.append(len(places))
+    return np.array(bounds)
+
+
+@compiled("void(float64[::1], float64[::1])")
+def _copy(numbers: Array, into: Array) -> None:
+    for j in range(len(numbers)):
+        into[j] = numbers[j]
+
+
+@compiled("void(float64[:, ::1], int64[::1], int64[::1], float64[:, ::1])")
+def take(P: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], out: Array) -> None:
+    """Copy some rows (k,) and columns (m,) of a matrix into one of their own (k, m)."""
+    runs = _runs(columns)
+    for i in range(len(rows)):
+        for k in range(len(runs) - 1):
+            first, length = columns[runs[k]], runs[k + 1] - runs[k]
+            _copy(P[rows[i], first : first + length], out[i, runs[k] : runs[k + 1]])
+
+
+@compiled(
+    "void(float64[:, ::1], int64[::1], int64[::1], float64[::1], float64[:, ::1],"
+    " float64[:, ::1], float64[:, ::1])"
+)
+def _put_corrected(
+    P: Array,
+    seen: NDArray[np.int64],
+    rest: NDArray[np.int64],
+    noise: Array,
+    S_inverse: Array,
+    gain: Array,
+    change: Array,
+) -> None:
+    """Put the corrected blocks into P, with the gain P_xL S^-1 and the change gain P_Lx."""
+    m, runs = len(seen), _runs(seen)
+    row = np.empty(m)
+    for i in range(m):
+        for j in range(m):
+            row[j] = -noise[i] * (S_inverse[i, j] * noise[j])
+        row[i] += noise[i]
+        for k in range(len(runs) - 1):
+            first, length = seen[runs[k]], runs[k + 1] - runs[k]
+            _copy(row[runs[k] : runs[k + 1]], P[seen[i], first : first + length])
+        for j in range(len(rest)):
+            mixed = gain[j, i] * noise[i]
+            P[seen[i], rest[j]] = mixed
+            P[rest[j], seen[i]] = mixed
+    for i in range(len(rest)):
+        for j in range(i + 1):
+            own = P[rest[i], rest[j]] + P[rest[j], rest[i]] - change[i, j] - change[j, i]
+            P[rest[i], rest[j]] = P[rest[j], rest[i]] = 0.5 * own
+
+
+@compiled("void(float64[:, ::1], int64[::1], float64[::1], float64[:, ::1])")
+def innovation_covariance(P: Array, seen: NDArray[np.int64], noise: Array, out: Array) -> None:
+    """Put ``S = P_LL + R`` into a matrix (m, m), named as in :func:`correct_directly`."""
+    take(P, seen, seen, out)
+    for i in range(len(seen)):
+        out[i, i] += noise[i]
+
+
+@compiled("void(float64[:, :])")
+def mirror_lower(P: Array) -> None:
+    """Make a matrix (D, D) symmetric in place by its lower triangle."""
+    for i in range(len(P)):
+        for j in range(i):
+            P[j, i] = P[i, j]
 
 
 def mirror_upper(P: Array) -> None:
     """Make a matrix (D, D) symmetric in place by its upper triangle."""
-    np.copyto(P, P.T, where=_below_the_diagonal(len(P)))
-
-
-def mirror_lower(P: Array) -> None:
-    """Make a matrix (D, D) symmetric in place by its lower triangle."""
-    np.copyto(P.T, P, where=_below_the_diagonal(len(P)))
-
-
-def _below_the_diagonal(size: int) -> NDArray[np.bool_]:
-    global _strictly_lower
-    if len(_strictly_lower) < size:
-        _strictly_lower = np.tri(2 * size, k=-1, dtype=bool)
-    return _strictly_lower[:size, :size]
+    mirror_lower(P.T)
 
 
 def block(rows: Rows, columns: Rows) -> Any:
@@ -226,15 +335,24 @@ def block(rows: Rows, columns: Rows) -> Any:
     return np.ix_(rows, columns)
 
 
+@compiled("float64[:, :, ::1](float64[:, :], int64)")
 def diagonal_blocks(matrix: Array, r: int) -> Array:
     """Copies (n, r, r) of the blocks on the diagonal of a matrix (n r, n r)."""
-    rows = np.arange(len(matrix)).reshape(-1, r)
-    return matrix[rows[:, :, None], rows[:, None, :]]
+    n = len(matrix) // r
+    blocks = np.empty((n, r, r))
+    for k in range(n):
+        for i in range(r):
+            for j in range(r):
+                blocks[k, i, j] = matrix[k * r + i, k * r + j]
+    return blocks
 
 
-def _lower_factor(S: Array) -> Array:
-    """Cholesky factor L (m, m) in its lower triangle, made in the place of a C-ordered S."""
-    L, failed_at = lapack.dpotrf(S.T, lower=1, clean=0, overwrite_a=1)
+def _lower_factor(S: Array, clean: int = 0) -> Array:
+    """Cholesky factor L (m, m) in its lower triangle, made in the place of a C-ordered S.
+
+    Where it is to be clean there are zeros above it.
+    """
+    L, failed_at = lapack.dpotrf(S.T, lower=1, clean=clean, overwrite_a=1)
     if failed_at:
         raise scipy.linalg.LinAlgError(f"S is not positive at its row {failed_at}")
     return cast(Array, L)

@@ -16,7 +16,7 @@ from vislam_ros.core.motion import Increment, propagate, symmetrized
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.pose_update import corrected_by_information
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.tracks import Keys, TrackedFrame
+from vislam_ros.core.tracked_frame import Keys, TrackedFrame
 
 Array = NDArray[np.float64]
 

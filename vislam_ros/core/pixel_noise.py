@@ -25,7 +25,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.linear_update import diagonal_blocks
+from vislam_ros.core.compiled import compiled
+from vislam_ros.core.gating import mahalanobis_squared
 
 Array = NDArray[np.float64]
 
@@ -72,8 +73,7 @@ class PixelNoise:
         weighted : ndarray, (3 n,)
             ``S^-1 r``, 1 / pixels.
         """
-        self._score[slots] += weighted.reshape(-1, 3)
-        self._information[slots] += diagonal_blocks(S_inverse, 3)
+        _add(slots, S_inverse, weighted, self._score, self._information)
 
     def end(self, gone: NDArray[np.bool_]) -> None:
         """Learn from the landmarks (n,) that are gone, and forget them."""
@@ -81,9 +81,20 @@ class PixelNoise:
         score = self._score[judged]
         count = len(score)
         if count:
-            offset = np.linalg.solve(self._information[judged], score[:, :, None])[:, :, 0]
-            above = np.count_nonzero(np.einsum("ni,ni->n", score, offset) > _MEDIAN)
+            q = mahalanobis_squared(score, self._information[judged])
+            above = np.count_nonzero(q > _MEDIAN)
             self._ended += count
             change = (above - 0.5 * count) / min(self._ended + _PRIOR_TRACKS, _MEMORY) / _SLOPE
             self.level = math.exp(min(max(math.log(self.level) + change, -_LIMIT), _LIMIT))
         self._score, self._information = self._score[~gone], self._information[~gone]
+
+
+@compiled("void(int64[:], float64[:, :], float64[::1], float64[:, ::1], float64[:, :, ::1])")
+def _add(
+    slots: NDArray[np.int64], S_inverse: Array, weighted: Array, score: Array, information: Array
+) -> None:
+    for i in range(len(slots)):
+        for r in range(3):
+            score[slots[i], r] += weighted[3 * i + r]
+            for c in range(3):
+                information[slots[i], r, c] += S_inverse[3 * i + r, 3 * i + c]

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.compiled import compiled
 from vislam_ros.core.disparity_prior import DisparityPrior
 from vislam_ros.core.error_operations import (
     Admission,
@@ -43,6 +44,7 @@ from vislam_ros.core.error_operations import (
     Retirement,
     Transition,
     landmark_rows,
+    of_each,
     seen_and_rest,
 )
 from vislam_ros.core.estimator import Outcome
@@ -56,10 +58,11 @@ from vislam_ros.core.image_point_map import (
 from vislam_ros.core.lens import radial_shift
 from vislam_ros.core.linear_update import (
     Scratch,
-    block,
     correct_directly,
     diagonal_blocks,
+    innovation_covariance,
     inverse_of_positive,
+    whitened,
     without,
 )
 from vislam_ros.core.motion import Increment
@@ -68,7 +71,8 @@ from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.pixel_noise import PixelNoise
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tape import Tape
-from vislam_ros.core.tracks import Keys, TrackedFrame, among, slots_of
+from vislam_ros.core.tracked_frame import Keys, TrackedFrame
+from vislam_ros.core.tracks import among, places_of, slots_of
 from vislam_ros.core.warp import warp
 
 Array = NDArray[np.float64]
@@ -177,7 +181,7 @@ class RobocentricFilter:
     @property
     def landmark_count(self) -> int:
         """Number of landmarks with a position, those set aside and those tracked."""
-        return self._set_aside.count + int(self._has_position().sum())
+        return self._set_aside.count + int(np.count_nonzero(self._has_position()))
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
         """Retire, move, correct and admit."""
@@ -190,8 +194,9 @@ class RobocentricFilter:
         if moved:
             before, Y = self._measure_twist(increment)
             passed = self._move(increment.duration, Y)
-        known = among(frame.keys, self.keys)
-        outcome = self._correct(frame.keys[known], frame.pixels[known])
+        slots = places_of(frame.keys, self.keys)
+        known = slots >= 0
+        outcome = self._correct(frame.keys[known], slots[known], frame.pixels[known])
         if self._settings.learn_noise and moved and outcome.used:
             self._learn_motion_noise(increment.duration, before)
         # What the body has passed cannot be what is seen: its track begins anew at the next frame.
@@ -201,8 +206,11 @@ class RobocentricFilter:
         self._admit(frame.keys[new], frame.pixels[new], frame.copied[new])
         if self._tape is not None:
             self._tape.record(PoseMark(self.T_world_body))
-        rejected = np.concatenate([outcome.rejected, passed[among(passed, frame.keys)]])
-        return Outcome(outcome.used, int(np.sum(new)), rejected, outcome.nis, outcome.nis_dof)
+        rejected = outcome.rejected
+        if len(passed):
+            rejected = np.concatenate([rejected, passed[among(passed, frame.keys)]])
+        admitted = int(np.count_nonzero(new))
+        return Outcome(outcome.used, admitted, rejected, outcome.nis, outcome.nis_dof)
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
@@ -233,17 +241,16 @@ class RobocentricFilter:
         walk[_BIAS] = tau * settings.gyro_bias_walk_std**2
         walk[_VELOCITY_BIAS] = tau * settings.velocity_bias_walk_std**2
         P = self.covariance
-        variances = np.einsum("ii->i", P)
+        variances = P.reshape(-1)[:: len(P) + 1]
         variances[:_SMALL] += walk
         before = _Twist(self.twist, variances[_TWIST].copy(), measured)
         H = self._H_twist
-        R = np.full(len(H), settings.slip_std**2 / tau)
-        R[:6] = self._motion_noise.twist_variance
-        residual = np.append(self._twist_error(measured), -self.twist[_ASIDE])[: len(H)]
-        HP = H @ P[:_SMALL]
-        L = np.linalg.cholesky(HP[:, :_SMALL] @ H.T + np.diag(R))
-        Y = scipy.linalg.blas.dtrsm(1.0, L, HP, lower=1)
-        self._shift(scipy.linalg.blas.dtrsv(L, residual, lower=1) @ Y)
+        R, residual = np.empty(len(H)), np.empty(len(H))
+        R[:6], R[6:] = self._motion_noise.twist_variance, settings.slip_std**2 / tau
+        residual[:6] = self._twist_error(measured)
+        residual[6:] = -self.twist[_ASIDE][: len(H) - 6]
+        Y, whitened_residual = whitened(P, H, R, residual)
+        self._shift(whitened_residual @ Y)
         if self._tape is not None:
             self._tape.record(RandomWalk(np.diag(walk)))
             self._tape.record(Correction(residual[None], np.diag(R), H_small=H[None]))
@@ -259,8 +266,8 @@ class RobocentricFilter:
     def _learn_motion_noise(self, tau: float, before: _Twist) -> None:
         """Tell the noise of the motion what a step that vision has seen says of it."""
         P, H = self.covariance[:_SMALL, :_SMALL], self._H_twist[:6]
-        change, variances = self.twist - before.mean, np.diag(P)[_TWIST]
-        unexplained = self._twist_error(before.measured) ** 2 + np.einsum("ij,ij->i", H @ P, H)
+        change, variances = self.twist - before.mean, P.diagonal()[_TWIST]
+        unexplained = self._twist_error(before.measured) ** 2 + np.sum((H @ P) * H, axis=1)
         self._motion_noise.learn(change, before.variances, variances, unexplained, tau)
 
     def _move(self, tau: float, Y: Array) -> Keys:
@@ -286,11 +293,9 @@ class RobocentricFilter:
         small = np.eye(_SMALL)
         small[_POSE, _POSE] = se3.adjoint(se3.inverse(motion))
         small[_POSE, _TWIST] = by_twist
-        coupling = np.zeros((self.active, 3, _SMALL - 6))
-        coupling[:, :, :6] = warped.G @ by_twist
-        both = np.concatenate([self.image_points, warped.y])
-        shift, shift_new = radial_shift(self._camera, both).reshape(2, -1, 3)
-        coupling[:, :, -1] = (warped.F_y @ shift[..., None])[..., 0] - shift_new
+        shift = radial_shift(self._camera, self.image_points)
+        shift_new = radial_shift(self._camera, warped.y)
+        coupling = _coupling(warped.G, by_twist, warped.F_y, shift, shift_new)
         transition = Transition(small, warped.F_y, coupling)
         self.covariance, _ = transition.carry(self.covariance, _SMALL, self._scratch, still_due)
         self.T_world_body = self.T_world_body @ motion
@@ -299,13 +304,12 @@ class RobocentricFilter:
             self._tape.record(transition)
         return passed
 
-    def _correct(self, keys: Keys, pixels: Array) -> Outcome:
+    def _correct(self, keys: Keys, slots: NDArray[np.int64], pixels: Array) -> Outcome:
         """Correct by the observations of active landmarks that are believed; retire the others."""
         if len(keys) < self._settings.min_observations:
             return Outcome()
         # What ends below may change it for the next frame.
-        noise = self._image_point_noise
-        slots = slots_of(keys, self.keys)
+        noise = self._image_point_noise.diagonal()
         residual = self._straight(pixels) - self.image_points[slots]
         try:
             believed = self._believed(slots, residual, noise)
@@ -314,40 +318,42 @@ class RobocentricFilter:
             self._retire(among(self.keys, keys))
             return Outcome(rejected=keys)
         kept, n = believed.kept, len(believed.kept)
-        rejected = np.delete(keys, kept)
-        if len(rejected):
+        rejected = keys[:0]
+        if n < len(keys):
+            rejected = np.delete(keys, kept)
             self._retire(among(self.keys, rejected))
             slots = slots_of(keys[kept], self.keys)
         if not n:
             return Outcome(rejected=rejected)
-        nis = self._apply_directly(slots, residual[kept], np.diag(noise), believed.inverse)
+        nis = self._apply_directly(slots, residual[kept], noise, believed)
         return Outcome(n, rejected=rejected, nis=nis, nis_dof=3 * n)
 
     def _believed(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> Consensus:
         """Innovations (n, 3) that pass their own gates and agree with all others."""
-        P = self.covariance
-        blocks = diagonal_blocks(P[_SMALL:, _SMALL:], 3)[slots] + noise
-        passed = np.flatnonzero(passes_gates(self._settings, residual, blocks))
-        seen, _ = seen_and_rest(slots[passed], self.active, _SMALL)
-        size = 3 * len(passed)
-        S = self._scratch.matrix("work", size, size)
-        S[:] = P[block(seen, seen)]
-        S.ravel()[:: len(S) + 1] += np.tile(np.diag(noise), len(passed))
-        W = self._scratch.matrix("W", size, size)
-        agreed = consensus(self._settings.chi2_gate, residual[passed], inverse_of_positive(S, W))
-        return Consensus(passed[agreed.kept], agreed.inverse)
+        S = self._innovation_covariance(slots, noise)
+        passed = np.flatnonzero(passes_gates(self._settings, residual, diagonal_blocks(S, 3)))
+        if len(passed) < len(slots):
+            S = self._innovation_covariance(slots[passed], noise)
+        agreed = consensus(self._settings.chi2_gate, residual[passed], inverse_of_positive(S))
+        return Consensus(passed[agreed.kept], agreed.inverse, agreed.weighted)
+
+    def _innovation_covariance(self, slots: NDArray[np.int64], noise: Array) -> Array:
+        """Return S (3 n, 3 n) of landmarks that are seen with noise variances (3,)."""
+        seen, _ = seen_and_rest(slots, self.active, _SMALL)
+        S = self._scratch.matrix("work", len(seen), len(seen))
+        innovation_covariance(self.covariance, seen, of_each(noise, len(slots)), S)
+        return S
 
     def _apply_directly(
-        self, slots: NDArray[np.int64], residual: Array, noise: Array, S_inverse: Array
+        self, slots: NDArray[np.int64], residual: Array, noise: Array, believed: Consensus
     ) -> float:
         """Correct by innovations (n, 3) of landmarks with noise variances (3,); return the NIS."""
         seen, rest = seen_and_rest(slots, self.active, _SMALL)
-        variances = np.tile(noise, len(slots))
-        cross = correct_directly(self.covariance, seen, rest, variances, S_inverse)
-        r = residual.ravel()
-        weighted = S_inverse @ r
+        variances = of_each(noise, len(slots))
+        cross = correct_directly(self.covariance, seen, rest, variances, believed.inverse)
+        r, weighted = residual.ravel(), believed.weighted
         if self._settings.learn_noise:
-            self._pixel_noise.see(slots, S_inverse, weighted)
+            self._pixel_noise.see(slots, believed.inverse, weighted)
         delta = np.empty(len(self.covariance))
         delta[seen] = r - variances * weighted
         delta[rest] = cross @ weighted
@@ -377,7 +383,8 @@ class RobocentricFilter:
         if not len(keys):
             return
         y = self._straight(pixels)
-        noise = np.tile(self._image_point_noise, (len(keys), 1, 1))
+        noise = np.empty((len(keys), 3, 3))
+        noise[:] = self._image_point_noise
         # A track begun at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
         noise[copied, 1, 1] += stale[copied] ** 2
@@ -414,8 +421,8 @@ class RobocentricFilter:
             )
             self._tape.record(retirement)
         self._pixel_noise.end(gone)
+        _, kept = seen_and_rest(slots, self.active, _SMALL)
         self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
-        kept = np.concatenate([np.arange(_SMALL), self._rows(np.flatnonzero(~gone)).ravel()])
         self.covariance = without(self.covariance, kept, self._scratch)
 
     @property
@@ -440,6 +447,25 @@ class RobocentricFilter:
     def _has_position(self) -> NDArray[np.bool_]:
         own = diagonal_blocks(self.covariance[_SMALL:, _SMALL:], 3)
         return has_position(self.image_points, own)
+
+
+@compiled(
+    "float64[:, :, ::1](float64[:, :, ::1], float64[:, :], float64[:, :, ::1], float64[:, ::1],"
+    " float64[:, ::1])"
+)
+def _coupling(G: Array, by_twist: Array, F_y: Array, shift: Array, shift_new: Array) -> Array:
+    """How warped points (n, 3) depend on the small part but the pose: twist, biases and lens."""
+    n = len(G)
+    coupling = np.zeros((n, 3, _SMALL - 6))
+    for i in range(n):
+        for r in range(3):
+            for c in range(6):
+                for k in range(6):
+                    coupling[i, r, c] += G[i, r, k] * by_twist[k, c]
+            for k in range(3):
+                coupling[i, r, -1] += F_y[i, r, k] * shift[i, k]
+            coupling[i, r, -1] -= shift_new[i, r]
+    return coupling
 
 
 def _twist_rows(straight: bool) -> Array:

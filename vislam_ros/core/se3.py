@@ -148,6 +148,8 @@ def log(T: ArrayLike) -> Array:
 def inverse(T: ArrayLike) -> Array:
     """Inverse of rigid motions, shape (..., 4, 4), by transposing the rotation."""
     T = np.asarray(T, dtype=float)
+    if T.ndim == 2:
+        return se3_single.inverse(T)
     R_transposed = np.swapaxes(T[..., :3, :3], -1, -2)
     result = np.zeros_like(T)
     result[..., :3, :3] = R_transposed
@@ -169,6 +171,8 @@ def adjoint(T: ArrayLike) -> Array:
         ``[[R, hat(p) R], [0, R]]``.
     """
     T = np.asarray(T, dtype=float)
+    if T.ndim == 2:
+        return se3_single.adjoint(T)
     R, p = T[..., :3, :3], T[..., :3, 3]
     Ad = np.zeros((*T.shape[:-2], 6, 6))
     Ad[..., :3, :3] = R

@@ -57,6 +57,29 @@ def log(T: Array) -> Array:
     return np.array([a - 0.5 * wx + f * vx, b - 0.5 * wy + f * vy, c - 0.5 * wz + f * vz, x, y, z])
 
 
+def inverse(T: Array) -> Array:
+    """Inverse of a motion (4, 4)."""
+    (r00, r01, r02, a), (r10, r11, r12, b), (r20, r21, r22, c), _ = T.tolist()
+    return np.array(
+        [
+            [r00, r10, r20, -(r00 * a + r10 * b + r20 * c)],
+            [r01, r11, r21, -(r01 * a + r11 * b + r21 * c)],
+            [r02, r12, r22, -(r02 * a + r12 * b + r22 * c)],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def adjoint(T: Array) -> Array:
+    """Adjoint (6, 6) of a motion (4, 4)."""
+    Ad = np.zeros((6, 6))
+    R = T[:3, :3]
+    Ad[:3, :3] = Ad[3:, 3:] = R
+    a, b, c = T[:3, 3].tolist()
+    Ad[:3, 3:] = np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]]) @ R
+    return Ad
+
+
 def quaternion_from_rotation(R: Array) -> Array:
     """Unit quaternion (4,) x, y, z, w with w >= 0 of a rotation matrix (3, 3)."""
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R.tolist()

@@ -30,7 +30,8 @@ from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothed_drive import SmoothedDrive, smoothed_drive
 from vislam_ros.core.tape import Tape
 from vislam_ros.core.time_order import Refusal, TimeOrder
-from vislam_ros.core.tracks import TrackedFrame, Tracks
+from vislam_ros.core.tracked_frame import TrackedFrame
+from vislam_ros.core.tracks import Tracks
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ from vislam_ros.core import se3
 from vislam_ros.core.backward import smooth
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.tape import Tape
-from vislam_ros.core.tracks import Keys, among, slots_of
+from vislam_ros.core.tracked_frame import Keys
+from vislam_ros.core.tracks import among, slots_of
 
 Array = NDArray[np.float64]
 

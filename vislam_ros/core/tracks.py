@@ -10,56 +10,48 @@ of its own, counted from 0 in the order of first appearance; the filters know on
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-Keys = NDArray[np.int64]
+from vislam_ros.core.compiled import compiled
+from vislam_ros.core.tracked_frame import Keys, TrackedFrame
 
 # A live track whose point has ended; its pixels still tell whether the next frame is frozen.
 NO_KEY = -1
 
 
+def places_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
+    """Places (n,) in a table (m,) of different keys, in any order, of keys (n,); -1 for none."""
+    order = np.argsort(table)
+    return _found(keys, table[order], order)
+
+
+@compiled("int64[::1](int64[:], int64[:], int64[:])")
+def _found(keys: Keys, ordered: Keys, places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Each key's place, or -1 where it is not among the ordered keys of the places."""
+    result = np.empty(len(keys), dtype=np.int64)
+    for i in range(len(keys)):
+        low, high = 0, len(ordered)
+        while low < high:
+            middle = (low + high) // 2
+            if ordered[middle] < keys[i]:
+                low = middle + 1
+            else:
+                high = middle
+        there = low < len(ordered) and ordered[low] == keys[i]
+        result[i] = places[low] if there else -1
+    return result
+
+
 def slots_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
     """Places (n,) in a table (m,) of different keys, in any order, of keys (n,) that are in it."""
-    order = np.argsort(table)
-    return order[np.searchsorted(table, keys, sorter=order)]
+    return places_of(keys, table)
 
 
 def among(keys: Keys, table: Keys) -> NDArray[np.bool_]:
     """Tell which keys (n,) are in a table (m,) of different keys, in any order."""
-    if not len(table):
-        return np.zeros(len(keys), dtype=bool)
-    ordered = np.sort(table)
-    place = np.searchsorted(ordered, keys)
-    place[place == len(ordered)] = 0
-    return ordered[place] == keys
-
-
-@dataclass(frozen=True)
-class TrackedFrame:
-    """One features message, its observations told apart by physical point.
-
-    Attributes
-    ----------
-    keys : ndarray of int64, (n,)
-        Physical point of each observation, increasing.
-    pixels : ndarray, (n, 4)
-        ``u_left, v_left, u_right, v_right`` in the order of ``keys``.
-    ended : ndarray of int64, (m,)
-        Points that will not be seen again.
-    copied : ndarray of bool, (n,)
-        Which observations of a frozen frame repeat the last one's pixels; each begins a point.
-    frozen : bool
-        Whether the frame repeats the last one's pixels while the body moves.
-    """
-
-    keys: Keys
-    pixels: NDArray[np.float64]
-    ended: Keys
-    copied: NDArray[np.bool_]
-    frozen: bool
+    return places_of(keys, table) >= 0
 
 
 class Tracks:
@@ -126,46 +118,32 @@ class Tracks:
         if np.any(ids[1:] < ids[:-1]):
             order = np.argsort(ids)
             ids, pixels = ids[order], pixels[order]
-        row = np.searchsorted(self._ids, ids)
-        row_inside = np.minimum(row, max(len(self._ids) - 1, 0))
-        known = np.zeros(len(ids), dtype=bool)
-        if len(self._ids):
-            known = self._ids[row_inside] == ids
-        keys = np.full(len(ids), NO_KEY, dtype=np.int64)
-        keys[known] = self._keys[row_inside[known]]
-
-        copied = np.zeros(len(ids), dtype=bool)
-        copied[known] = np.all(pixels[known] == self._pixels[row_inside[known]], axis=1)
-        in_last_frame = np.zeros(len(ids), dtype=bool)
-        in_last_frame[known] = self._unseen[row_inside[known]] == 0
-        copied &= in_last_frame
+        keys, copied, in_last_frame, found = _continued(
+            ids, pixels, self._ids, self._keys, self._pixels, self._unseen
+        )
         frozen = (
             self._frozen_share is not None
             and int(copied.sum()) > self._frozen_share * int(in_last_frame.sum())
             and motion_expected()
         )
-        ended = [keys[copied]] if frozen else []
-        fresh = (keys == NO_KEY) | (copied & frozen)
+        if not frozen:
+            copied[:] = False
+        ended = [keys[copied]]
+        fresh = (keys == NO_KEY) | copied
         keys[fresh] = self._new_keys(ids[fresh])
 
-        missing = np.ones(len(self._ids), dtype=bool)
-        missing[row_inside[known]] = False
+        missing = np.flatnonzero(~found)
         unseen = self._unseen[missing] + 1
         lost = unseen >= self._retire_after
-        ended.append(self._keys[missing][lost])
-        self._store(
-            np.concatenate([ids, self._ids[missing][~lost]]),
-            np.concatenate([keys, self._keys[missing][~lost]]),
-            np.concatenate([pixels, self._pixels[missing][~lost]]),
-            np.concatenate([np.zeros(len(ids), dtype=np.int64), unseen[~lost]]),
-        )
+        ended.append(self._keys[missing[lost]])
+        self._store(ids, keys, pixels, missing[~lost])
         all_ended = np.concatenate(ended)
         by_key = np.argsort(keys)
         return TrackedFrame(
             keys=keys[by_key],
             pixels=pixels[by_key].astype(float),
             ended=np.sort(all_ended[all_ended != NO_KEY]),
-            copied=(copied & frozen)[by_key],
+            copied=copied[by_key],
             frozen=frozen,
         )
 
@@ -179,11 +157,18 @@ class Tracks:
         ids: NDArray[np.uint32],
         keys: Keys,
         pixels: NDArray[np.float32],
-        unseen: NDArray[np.int64],
+        waiting: NDArray[np.int64],
     ) -> None:
-        order = np.argsort(ids)
-        self._ids, self._keys = ids[order], keys[order]
-        self._pixels, self._unseen = pixels[order], unseen[order]
+        """Keep what is seen, and of what is not the tracks that may come back."""
+        unseen = np.zeros(len(ids), dtype=np.int64)
+        if len(waiting):
+            ids = np.concatenate([ids, self._ids[waiting]])
+            keys = np.concatenate([keys, self._keys[waiting]])
+            pixels = np.concatenate([pixels, self._pixels[waiting]])
+            unseen = np.concatenate([unseen, self._unseen[waiting] + 1])
+            order = np.argsort(ids)
+            ids, keys, pixels, unseen = ids[order], keys[order], pixels[order], unseen[order]
+        self._ids, self._keys, self._pixels, self._unseen = ids, keys, pixels, unseen
 
     def _new_keys(self, ids: NDArray[np.uint32]) -> Keys:
         """Give each of these ids its next physical point."""
@@ -196,3 +181,45 @@ class Tracks:
         keys = np.arange(self._next_key, self._next_key + len(ids))
         self._next_key += len(ids)
         return keys
+
+
+@compiled(
+    "Tuple((int64[::1], boolean[::1], boolean[::1], boolean[::1]))(uint32[:], float32[:, :],"
+    " uint32[:], int64[:], float32[:, :], int64[:])"
+)
+def _continued(
+    ids: NDArray[np.uint32],
+    pixels: NDArray[np.float32],
+    table_ids: NDArray[np.uint32],
+    table_keys: Keys,
+    table_pixels: NDArray[np.float32],
+    table_unseen: NDArray[np.int64],
+) -> tuple[Keys, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Find a frame's ids in the table; both are in increasing order.
+
+    Returns
+    -------
+    keys : ndarray of int64, (n,)
+        Each id's point, NO_KEY where it has none.
+    copied, in_last_frame : ndarray of bool, (n,)
+        Whether an id was in the last frame, and there at these very pixels.
+    found : ndarray of bool, (m,)
+        Which rows of the table have their ids in the frame.
+    """
+    keys = np.empty(len(ids), dtype=np.int64)
+    copied = np.zeros(len(ids), dtype=np.bool_)
+    in_last_frame = np.zeros(len(ids), dtype=np.bool_)
+    found = np.zeros(len(table_ids), dtype=np.bool_)
+    row = 0
+    for i in range(len(ids)):
+        keys[i] = NO_KEY
+        while row < len(table_ids) and table_ids[row] < ids[i]:
+            row += 1
+        if row < len(table_ids) and table_ids[row] == ids[i]:
+            found[row] = True
+            keys[i] = table_keys[row]
+            in_last_frame[i] = table_unseen[row] == 0
+            copied[i] = in_last_frame[i]
+            for k in range(4):
+                copied[i] = copied[i] and pixels[i, k] == table_pixels[row, k]
+    return keys, copied, in_last_frame, found

@@ -10,7 +10,7 @@ from vislam_ros.core.estimator import Estimator, Outcome
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam
-from vislam_ros.core.tracks import TrackedFrame
+from vislam_ros.core.tracked_frame import TrackedFrame
 from vislam_ros.data.benchmark.interleaving import cpu_clock
 
 

@@ -1,0 +1,35 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A frame of features whose observations are told apart by physical point (see tracks)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Keys = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class TrackedFrame:
+    """One features message, its observations told apart by physical point.
+
+    Attributes
+    ----------
+    keys : ndarray of int64, (n,)
+        Physical point of each observation, increasing.
+    pixels : ndarray, (n, 4)
+        ``u_left, v_left, u_right, v_right`` in the order of ``keys``.
+    ended : ndarray of int64, (m,)
+        Points that will not be seen again.
+    copied : ndarray of bool, (n,)
+        Which observations of a frozen frame repeat the last one's pixels; each begins a point.
+    frozen : bool
+        Whether the frame repeats the last one's pixels while the body moves.
+    """
+
+    keys: Keys
+    pixels: NDArray[np.float64]
+    ended: Keys
+    copied: NDArray[np.bool_]
+    frozen: bool
