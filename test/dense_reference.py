@@ -72,7 +72,9 @@ class DenseJointFilter:
             H[i, :, place : place + 3] = predicted.H_landmark[i]
         noise = self.observation.noise
         own = np.array([H[i] @ self.P @ H[i].T + noise for i in range(n)])
-        passed = predicted.visible & passes_gates(self.settings, residual, own)
+        passed = predicted.visible & passes_gates(
+            residual, own, self.settings.chi2_gate, self.settings.pixel_gate
+        )
         H = H[passed].reshape(-1, len(self.P))
         S = H @ self.P @ H.T + np.kron(np.eye(passed.sum()), noise)
         K = self.P @ H.T @ np.linalg.inv(S)

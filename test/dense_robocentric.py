@@ -21,8 +21,8 @@ from vislam_ros.core.disparity_prior import DisparityPrior
 from vislam_ros.core.gating import passes_gates
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.motion_noise import MotionNoise
-from vislam_ros.core.pixel_noise import PixelNoise
 from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.track_noise import TrackNoise
 from vislam_ros.core.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
@@ -97,13 +97,13 @@ def complex_step(f: Callable[[Complex], Complex], x: Array) -> Array:
 
 
 def agreeing(gate: float, residual: Array, S: Array, kept: list[int]) -> list[bool]:
-    """Which of some innovations (n, 3) stay when those that the others contradict have gone."""
-    remaining = list(kept)
+    """Which of some innovations (n, r) stay when those that the others contradict have gone."""
+    remaining, r = list(kept), residual.shape[1]
     while gate > 0 and remaining:
         distances = []
         for i in remaining:
-            own = 3 * i + np.arange(3)
-            others = np.concatenate([[], *(3 * j + np.arange(3) for j in remaining if j != i)])
+            own = r * i + np.arange(r)
+            others = np.concatenate([[], *(r * j + np.arange(r) for j in remaining if j != i)])
             others = others.astype(int)
             gain = S[np.ix_(own, others)] @ np.linalg.inv(S[np.ix_(others, others)])
             error = residual[i] - gain @ residual.ravel()[others]
@@ -148,9 +148,13 @@ class DenseRobocentricFilter:
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
         )
-        self.pixel_noise = PixelNoise()
+        self.track_noise = TrackNoise(
+            np.diag(self.image_point_noise(1.0)).copy(),
+            settings.disparity_offset_std,
+            learns=settings.learn_noise,
+        )
         self.disparity_prior = DisparityPrior()
-        # Keys in the order of the pixel noise.
+        # Keys in the order of the track noise.
         self.judged: list[int] = []
         self.T_world_body = np.eye(4)
         self.P: Array = np.diag(
@@ -201,9 +205,13 @@ class DenseRobocentricFilter:
             self.augment(np.eye(6, S), np.zeros((6, 6)), np.zeros(6))
         return rejected
 
-    @property
-    def V(self) -> Array:
-        return self.pixel_noise.level * self.told_V
+    def image_point_noise(self, scale: float) -> Array:
+        """Covariance (3, 3) of ``(u_left, u_right, v)`` from pixels of so many times V."""
+        return np.linalg.inv(FOUR_ROWS.T @ np.linalg.inv(scale * self.told_V) @ FOUR_ROWS)
+
+    def image_points(self, pixels: Array) -> Array:
+        """Best ``(u_left, u_right, v)`` (n, 3) of pixels (n, 4)."""
+        return pixels @ np.linalg.inv(self.told_V) @ FOUR_ROWS @ self.image_point_noise(1.0)
 
     def measure_twist(self, measured: Array, tau: float) -> tuple[Array, Array]:
         """Return the twist and its variances before it is measured."""
@@ -284,34 +292,44 @@ class DenseRobocentricFilter:
         ]
 
     def correct(self, keys: list[int], pixels: Array) -> list[int]:
-        V = self.V
+        noise = self.track_noise
         rows = self.rows_of([self.place_of_key[key] for key in keys])
-        information = FOUR_ROWS.T @ np.linalg.inv(V) @ FOUR_ROWS
-        noise = np.linalg.inv(information)
-        z = pixels @ np.linalg.inv(V) @ FOUR_ROWS @ noise
+        slots = np.array([self.judged.index(key) for key in keys])
+        variances = noise.variances(slots)
+        z = self.image_points(pixels)
         residual = z + self.estimate[LENS] * shift(self.camera, z).real - self.estimate[rows]
-        own = np.array([self.P[np.ix_(row, row)] + noise for row in rows])
-        kept = np.flatnonzero(passes_gates(self.settings, residual, own))
-        joint = self.P[np.ix_(rows.ravel(), rows.ravel())] + np.kron(np.eye(len(rows)), noise)
-        kept = kept[agreeing(self.settings.chi2_gate, residual, joint, kept.tolist())]
+        expected = noise.expected(variances, self.estimate[rows])
+        own = np.array(
+            [self.P[np.ix_(row, row)] + np.diag(R) for row, R in zip(rows, expected, strict=True)]
+        )
+        gate = noise.gate(self.settings.chi2_gate)
+        kept = np.flatnonzero(passes_gates(residual, own, gate, self.settings.pixel_gate))
+        told = noise.components
+        places = rows[:, told].ravel()
+        joint = self.P[np.ix_(places, places)] + np.diag(variances[:, told].ravel())
+        kept = kept[agreeing(gate, residual[:, told], joint, kept.tolist())]
         rejected = np.delete(keys, kept).tolist()
-        self.end(rejected)
-        H = np.zeros((4 * len(kept), len(self.P)))
-        for i, row in enumerate(rows[kept]):
-            H[4 * i : 4 * i + 4, row] = FOUR_ROWS
+        # Of four rows, or three where the right pixel tells nothing, each with its own noise.
+        used = FOUR_ROWS[:, told].any(axis=1)
+        some_rows = FOUR_ROWS[np.ix_(used, told)]
+        r = len(some_rows)
+        H = np.zeros((r * len(kept), len(self.P)))
+        R = np.zeros((len(H), len(H)))
+        for i, k in enumerate(kept):
+            own_rows = slice(r * i, r * i + r)
+            H[own_rows, rows[k, told]] = some_rows
+            scale = variances[k, 0] / self.image_point_noise(1.0)[0, 0]
+            R[own_rows, own_rows] = scale * self.told_V[np.ix_(used, used)]
+        # What the numbers leave of the rows is noise alone.
+        left = (pixels[kept] - z[kept] @ FOUR_ROWS.T)[:, used]
+        innovation = (residual[kept][:, told] @ some_rows.T + left).ravel()
         if len(H):
-            R = np.asarray(np.kron(np.eye(len(kept)), V), dtype=np.float64)
-            # Four rows of which three are told apart: what z leaves of them is noise alone.
-            left = pixels[kept] - z[kept] @ FOUR_ROWS.T
-            innovation = (residual[kept] @ FOUR_ROWS.T + left).ravel()
-            if self.settings.learn_noise:
-                four = np.kron(np.eye(len(kept)), FOUR_ROWS)
-                S_inverse = np.linalg.inv(H @ self.P @ H.T + R)
-                self.pixel_noise.see(
-                    np.array([self.judged.index(keys[i]) for i in kept]),
-                    four.T @ S_inverse @ four,
-                    four.T @ S_inverse @ innovation,
-                )
+            each = np.kron(np.eye(len(kept)), some_rows)
+            S_inverse = np.linalg.inv(H @ self.P @ H.T + R)
+            information = np.diag(each.T @ S_inverse @ each).copy()
+            noise.see(slots[kept], residual[kept], information, each.T @ S_inverse @ innovation)
+        self.end(rejected)
+        if len(H):
             self.update(H, R, innovation)
         return rejected
 
@@ -330,11 +348,9 @@ class DenseRobocentricFilter:
         self.estimate[POSE] = 0.0
 
     def admit(self, keys: list[int], pixels: Array, copied: list[bool]) -> None:
-        information = FOUR_ROWS.T @ np.linalg.inv(self.V) @ FOUR_ROWS
-        R = np.linalg.inv(information)
-        z = pixels @ np.linalg.inv(self.V) @ FOUR_ROWS @ R
+        z = self.image_points(pixels)
         points = z + self.estimate[LENS] * shift(self.camera, z).real
-        noises = [R.copy() for _ in keys]
+        noises = list(self.track_noise.of_new_tracks(points))
         a = np.array([1.0, -1.0, 0.0])
         for y, noise, stale in zip(points, noises, copied, strict=True):
             if stale:
@@ -349,7 +365,7 @@ class DenseRobocentricFilter:
                 points[i] += gain * (means[i] - a @ points[i])
                 noise -= np.outer(gain, gain) * (variances[i] - remaining[i])
         for key, y, noise in zip(keys, points, noises, strict=True):
-            self.pixel_noise.begin(1)
+            self.track_noise.begin(1)
             self.judged.append(key)
             self.place_of_key[key] = len(self.P)
             self.warped_places.append(len(self.P))
@@ -363,7 +379,7 @@ class DenseRobocentricFilter:
 
     def end(self, keys: list[int]) -> None:
         """Observe landmarks no more."""
-        self.pixel_noise.end(np.isin(np.array(self.judged, dtype=np.int64), keys))
+        self.track_noise.end(np.isin(np.array(self.judged, dtype=np.int64), keys))
         self.judged = [key for key in self.judged if key not in keys]
         for key in keys:
             place = self.place_of_key[key]

@@ -38,10 +38,15 @@ def gappy_drive(settings: SimulationSettings, lost_share: float = 0.1) -> Drive:
     )
 
 
-def trying_drive(steps: int, landmarks: int, seed: int) -> Drive:
+def trying_drive(steps: int, landmarks: int, seed: int, **others: float) -> Drive:
     """Simulate sliding tracks, frozen steps and landmarks that come back, all in a short drive."""
     settings = SimulationSettings(
-        steps=steps, landmarks=landmarks, seed=seed, frozen_share=0.06, outlier_share=0.1
+        steps=steps,
+        landmarks=landmarks,
+        seed=seed,
+        frozen_share=0.06,
+        outlier_share=0.1,
+        **others,  # type: ignore[arg-type]
     )
     drive = gappy_drive(settings)
     assert len(returning_ids(drive)) > landmarks // 6

@@ -195,8 +195,8 @@ class KeepingFilter:
             H, R = H.reshape(n * r, total), R.reshape(n * r, n * r)
             self._update(H, R, operation.residual.ravel())
         elif isinstance(operation, DirectCorrection):
-            rows = (s + 3 * operation.slots[:, None] + np.arange(3)).ravel()
-            R = np.diag(np.tile(operation.noise, len(operation.slots)))
+            rows = (s + 3 * operation.slots[:, None] + operation.components).ravel()
+            R = np.diag(operation.noise.ravel())
             self._update(np.eye(total)[rows], R, operation.residual.ravel())
         elif isinstance(operation, Retirement):
             J = np.zeros((3 * len(operation.keys), total))
@@ -290,8 +290,10 @@ def random_operations(rng: np.random.Generator, s: int, steps: int) -> list[list
                 done.append(Correction(residual, noise, H_small, H_landmark, seen))
                 # Their own numbers, of some of them or of all.
                 seen = np.arange(n) if some else seen
-                residual = rng.standard_normal((len(seen), 3))
-                done.append(DirectCorrection(residual, rng.uniform(0.3, 2.0, 3), seen))
+                components = np.sort(rng.permutation(3)[: rng.integers(2, 4)])
+                residual = rng.standard_normal((len(seen), len(components)))
+                noise = rng.uniform(0.3, 2.0, residual.shape)
+                done.append(DirectCorrection(residual, noise, seen, components))
                 # A measurement of the small part alone, of more rows than it has.
                 H_small = rng.standard_normal((1, s + 1, s))
                 noise = random_positive(rng, s + 1, s + 1)

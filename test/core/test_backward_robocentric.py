@@ -15,17 +15,28 @@ from vislam_ros.data.drive import Drive
 
 
 @pytest.fixture(scope="module")
-def drive() -> Drive:
-    return trying_drive(steps=24, landmarks=100, seed=7)
+def drives() -> dict[str, Drive]:
+    """With white pixel noise, and with disparities that keep an error."""
+    offsets = {"pixel_noise_std": 0.05, "disparity_offset_std": 0.6}
+    return {
+        "white": trying_drive(steps=24, landmarks=100, seed=7),
+        "offsets": trying_drive(steps=24, landmarks=100, seed=7, **offsets),
+    }
 
 
+@pytest.mark.parametrize("kind", ["white", "offsets"])
 @pytest.mark.parametrize(
     ("pixel_variance", "chi2_gate", "retire_after"),
     [((1.0,) * 4, 16.27, 2), ((1.0, 1.2, 0.9, 1.1), 0.0, 1)],
 )
 def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
-    drive: Drive, pixel_variance: tuple[float, ...], chi2_gate: float, retire_after: int
+    drives: dict[str, Drive],
+    kind: str,
+    pixel_variance: tuple[float, ...],
+    chi2_gate: float,
+    retire_after: int,
 ) -> None:
+    drive = drives[kind]
     settings = SlamSettings(
         pixel_variance=pixel_variance,
         chi2_gate=chi2_gate,
@@ -63,4 +74,6 @@ def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
     # There was something to do: landmarks stood elsewhere when they were set aside.
     assert np.abs(smoothed.positions[mapped] - positions[set_aside]).max() > 0.1
     assert len(keys) > 80
-    assert not np.all(mapped)
+    assert dense.track_noise.has_offsets == (kind == "offsets")
+    if kind == "white":
+        assert not np.all(mapped)

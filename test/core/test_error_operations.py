@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose, assert_array_equal
 
-from vislam_ros.core.error_operations import Transition, of_each, seen_and_rest
+from vislam_ros.core.error_operations import Transition, seen_and_rest
 from vislam_ros.core.linear_update import Scratch
 
 
@@ -32,7 +32,9 @@ def test_a_transition_is_the_matrix_product(n: int, corrected: bool, coupled: bo
 
 
 def test_what_is_seen_and_all_else_are_the_whole_error_state() -> None:
-    seen, rest = seen_and_rest(np.array([2, 0]), 4, 6)
+    seen, rest = seen_and_rest(np.array([2, 0]), np.arange(3), 4, 6)
     assert seen.tolist() == [12, 13, 14, 6, 7, 8]
     assert rest.tolist() == [0, 1, 2, 3, 4, 5, 9, 10, 11, 15, 16, 17]
-    assert of_each(np.array([1.0, 2.0, 0.5]), 2).tolist() == [1.0, 2.0, 0.5, 1.0, 2.0, 0.5]
+    seen, rest = seen_and_rest(np.array([1, 0]), np.array([0, 2]), 2, 6)
+    assert seen.tolist() == [9, 11, 6, 8]
+    assert rest.tolist() == [0, 1, 2, 3, 4, 5, 7, 10]

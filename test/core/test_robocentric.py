@@ -24,10 +24,16 @@ Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
-def drive() -> Drive:
-    return trying_drive(steps=24, landmarks=120, seed=6)
+def drives() -> dict[str, Drive]:
+    """With white pixel noise, and with disparities that keep an error."""
+    offsets = {"pixel_noise_std": 0.05, "disparity_offset_std": 0.6}
+    return {
+        "white": trying_drive(steps=24, landmarks=120, seed=6),
+        "offsets": trying_drive(steps=24, landmarks=120, seed=6, **offsets),
+    }
 
 
+@pytest.mark.parametrize("kind", ["white", "offsets"])
 @pytest.mark.parametrize(
     ("pixel_variance", "changes"),
     [
@@ -39,8 +45,12 @@ def drive() -> Drive:
     ],
 )
 def test_state_and_covariance_are_the_dense_filters(
-    drive: Drive, pixel_variance: tuple[float, ...], changes: dict[str, Any]
+    drives: dict[str, Drive],
+    kind: str,
+    pixel_variance: tuple[float, ...],
+    changes: dict[str, Any],
 ) -> None:
+    drive = drives[kind]
     settings = SlamSettings(
         **{"retire_after": 2, "stale_disparity": 0.05, "pixel_variance": pixel_variance, **changes}
     )
@@ -70,6 +80,7 @@ def test_state_and_covariance_are_the_dense_filters(
             (filter_.covariance, dense.P[np.ix_(rows, rows)]),
         ]:
             np.testing.assert_allclose(ours, plain, rtol=0, atol=1e-9)
+    assert dense.track_noise.has_offsets == (kind == "offsets" and settings.learn_noise)
     assert copied > 10
     assert len(dense.P) > 3 * 120
     assert filter_.active < 110

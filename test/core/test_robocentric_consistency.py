@@ -15,15 +15,15 @@ SEEDS = range(10)
 
 
 @pytest.mark.parametrize(
-    "frozen_share", [0.0, 0.1], ids=["seen throughout", "frozen now and then"]
+    "kind",
+    [{"frozen_share": 0.0}, {"frozen_share": 0.1}],
+    ids=["seen throughout", "frozen now and then"],
 )
-def test_pose_and_bias_errors_fit_their_covariance(frozen_share):
+def test_pose_and_bias_errors_fit_their_covariance(kind):
     pose_nees, bias_nees, nis, dof = [], [], 0.0, 0
     for seed in SEEDS:
         simulated = simulate(
-            SimulationSettings(
-                steps=80, landmarks=400, outlier_share=0.0, frozen_share=frozen_share, seed=seed
-            )
+            SimulationSettings(steps=80, landmarks=400, outlier_share=0.0, seed=seed, **kind)
         )
         settings = SlamSettings()
         estimator = RobocentricFilter(settings, simulated.drive.camera)
@@ -40,3 +40,32 @@ def test_pose_and_bias_errors_fit_their_covariance(frozen_share):
     assert 0.3 < np.mean(pose_nees) < 1.6
     assert 0.3 < np.mean(bias_nees) < 2.5
     assert 0.85 < nis / dof < 1.1
+
+
+def pose_nees(simulated, settings):
+    estimator = RobocentricFilter(settings, simulated.drive.camera)
+    for _ in run(estimator, simulated.drive, settings):
+        pass
+    T_true = se3.inverse(simulated.T_world_body[0]) @ simulated.T_world_body[-1]
+    error = se3.log(se3.inverse(estimator.T_world_body) @ T_true)
+    return error @ np.linalg.solve(estimator.pose_covariance, error) / 6
+
+
+def test_errors_that_disparities_keep_are_known_for_what_they_are():
+    known, unknown = [], []
+    for seed in SEEDS:
+        simulated = simulate(
+            SimulationSettings(
+                steps=120,
+                landmarks=600,
+                outlier_share=0.0,
+                pixel_noise_std=0.05,
+                disparity_offset_std=0.6,
+                seed=seed,
+            )
+        )
+        known.append(pose_nees(simulated, SlamSettings()))
+        unknown.append(pose_nees(simulated, SlamSettings(disparity_offset_std=0.0)))
+    # It is told twenty times the noise, and takes its time to find that out.
+    assert 0.15 < np.mean(known) < 1.4
+    assert np.mean(unknown) > 2 * np.mean(known)

@@ -156,6 +156,17 @@ def test_pixels_are_projections_with_the_noise_that_was_set():
     np.testing.assert_allclose(noisy[~sliding].std(axis=0), 0.7, rtol=0.05)
 
 
+def test_the_offset_of_a_disparity_stays_for_the_life_of_its_track():
+    drive = simulate(dataclasses.replace(EXACT, disparity_offset_std=0.6)).drive
+    same = simulate(EXACT).drive
+    np.testing.assert_array_equal(drive.ids, same.ids)
+    np.testing.assert_array_equal(drive.pixels[:, [0, 1, 3]], same.pixels[:, [0, 1, 3]])
+    offset = drive.pixels[:, 2] - same.pixels[:, 2]
+    ids, first = np.unique(drive.ids, return_index=True)
+    np.testing.assert_allclose(offset, offset[first][np.searchsorted(ids, drive.ids)], atol=1e-3)
+    np.testing.assert_allclose(offset[first].std(), 0.6, rtol=0.15)
+
+
 def test_the_share_of_sliding_tracks_is_as_set():
     simulated = simulate(dataclasses.replace(EXACT, landmarks=1000, outlier_share=0.2))
     assert 0.15 < simulated.landmarks.sliding.mean() < 0.25

@@ -87,6 +87,13 @@ def _add_simulate(commands: _Commands) -> None:
         ("--steps", "steps", _whole(2), "N", "feature frames, ten a second (600)"),
         ("--landmarks", "landmarks", _whole(1), "N", "tracks in the whole drive (3000)"),
         ("--pixel-noise", "pixel_noise_std", _number(0), "PX", "white noise (1)"),
+        (
+            "--disparity-offset",
+            "disparity_offset_std",
+            _number(0),
+            "PX",
+            "error of a disparity that stays for the life of its track (0)",
+        ),
         ("--velocity-noise", "velocity_noise_std", _number(0), "M/S", "of a sample (0.1)"),
         (
             "--angular-velocity-noise",

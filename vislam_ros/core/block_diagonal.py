@@ -35,7 +35,9 @@ class BlockDiagonalFilter(IndependentLandmarkFilter):
         Sigma = self.pose_covariance
         D = H_L @ P @ np.swapaxes(H_L, -1, -2) + self._observation.noise
         S_blocks = D + H_p @ Sigma @ np.swapaxes(H_p, -1, -2)
-        passed = predicted.visible & passes_gates(self._settings, residual, S_blocks)
+        passed = predicted.visible & passes_gates(
+            residual, S_blocks, self._settings.chi2_gate, self._settings.pixel_gate
+        )
         slots, residual, D = slots[passed], residual[passed, :, None], D[passed]
         H_p, H_L, P = H_p[passed], H_L[passed], P[passed]
 

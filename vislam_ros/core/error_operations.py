@@ -335,24 +335,22 @@ class Correction:
         return Adjoint(vector, matrix)
 
 
-@compiled("UniTuple(int64[::1], 2)(int64[:], int64, int64)")
+@compiled("UniTuple(int64[::1], 2)(int64[:], int64[:], int64, int64)")
 def seen_and_rest(
-    slots: NDArray[np.int64], active: int, s: int
+    slots: NDArray[np.int64], components: NDArray[np.int64], active: int, s: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Places of some landmarks' numbers, in the order of ``slots``, and of all else."""
-    seen, is_rest = np.empty(3 * len(slots), dtype=np.int64), np.ones(s + 3 * active, np.bool_)
+    """Places of some landmarks' numbers, in the order of ``slots``, and of all else.
+
+    Of the three numbers of a landmark those count that ``components`` (r,) names.
+    """
+    r = len(components)
+    seen, is_rest = np.empty(r * len(slots), dtype=np.int64), np.ones(s + 3 * active, np.bool_)
     for i in range(len(slots)):
-        for k in range(3):
-            seen[3 * i + k] = s + 3 * slots[i] + k
-            is_rest[s + 3 * slots[i] + k] = False
+        for k in range(r):
+            place = s + 3 * slots[i] + components[k]
+            seen[r * i + k] = place
+            is_rest[place] = False
     return seen, np.flatnonzero(is_rest)
-
-
-def of_each(noise: Array, n: int) -> Array:
-    """Variances (3 n,) of the numbers of n landmarks, all with the same (3,)."""
-    variances = np.empty((n, 3))
-    variances[:] = noise
-    return variances.reshape(-1)
 
 
 def _sliced(places: NDArray[np.int64]) -> Rows:
@@ -364,26 +362,32 @@ def _sliced(places: NDArray[np.int64]) -> Rows:
 
 @dataclass(frozen=True)
 class DirectCorrection:
-    """Update by landmarks whose own three numbers are observed, ``H = [0 I]``.
+    """Update by landmarks of whose own three numbers some are observed, ``H = [0 I]``.
 
     Attributes
     ----------
-    residual : ndarray, (n, 3)
+    residual : ndarray, (n, r)
         ``z - y``.
-    noise : ndarray, (3,)
-        Variances of each landmark's observation.
+    noise : ndarray, (n, r)
+        Variances of the observations.
     slots : ndarray of int64, (n,)
         Which landmark each residual is of, all different.
+    components : ndarray of int64, (r,)
+        Which of a landmark's three numbers are observed, in their order.
     """
 
     residual: Array
     noise: Array
     slots: NDArray[np.int64]
+    components: NDArray[np.int64]
+
+    def _seen_and_rest(self, size: int, s: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        return seen_and_rest(self.slots, self.components, (size - s) // 3, s)
 
     def carry(self, P: Array, s: int, scratch: Scratch) -> tuple[Array, Kept]:
         """Return the covariance (D, D) after the update; keep S^-1 and the rows P_xL."""
-        seen, rest = seen_and_rest(self.slots, (len(P) - s) // 3, s)
-        variances = of_each(self.noise, len(self.slots))
+        seen, rest = self._seen_and_rest(len(P), s)
+        variances = self.noise.ravel()
         S = np.empty((len(variances), len(variances)))
         innovation_covariance(P, seen, variances, S)
         S_inverse = inverse_of_positive(S)
@@ -397,9 +401,8 @@ class DirectCorrection:
         ``B = [-P_xL; R]``.
         """
         S_inverse, cross = kept
-        active = (len(adjoint.vector) - s) // 3
-        seen, rest = map(_sliced, seen_and_rest(self.slots, active, s))
-        variances = of_each(self.noise, len(self.slots))
+        seen, rest = map(_sliced, self._seen_and_rest(len(adjoint.vector), s))
+        variances = self.noise.ravel()
         vector, Lambda = adjoint.vector, adjoint.matrix
         vector[seen] = S_inverse @ (
             self.residual.ravel() + variances * vector[seen] - cross.T @ vector[rest]

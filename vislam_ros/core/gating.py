@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from vislam_ros.core.compiled import compiled
 from vislam_ros.core.linear_update import diagonal_blocks
 from vislam_ros.core.motion import symmetrized
-from vislam_ros.core.settings import SlamSettings
 
 Array = NDArray[np.float64]
 
@@ -50,30 +49,27 @@ def mahalanobis_squared(residual: Array, covariance: Array) -> Array:
     return distances
 
 
-def passes_gates(settings: SlamSettings, residual: Array, covariance: Array) -> NDArray[np.bool_]:
+@compiled("boolean[::1](float64[:, :], float64[:, :, :], float64, float64)")
+def passes_gates(
+    residual: Array, covariance: Array, chi2_gate: float, pixel_gate: float
+) -> NDArray[np.bool_]:
     """Tell which innovations are credible.
 
     Parameters
     ----------
-    settings : SlamSettings
-        Its ``chi2_gate`` bounds the squared Mahalanobis distance of each innovation, its
-        ``pixel_gate`` each one's largest component; 0 turns a gate off.
     residual : ndarray, (n, r)
         Innovations, pixels.
     covariance : ndarray, (n, r, r)
         Of each innovation.
+    chi2_gate : float
+        Bound of the squared Mahalanobis distance of each innovation; 0 for none.
+    pixel_gate : float
+        Bound of each one's largest component, pixels; 0 for none.
 
     Returns
     -------
     ndarray of bool, (n,)
     """
-    return _passed(residual, covariance, settings.pixel_gate, settings.chi2_gate)
-
-
-@compiled("boolean[::1](float64[:, :], float64[:, :, :], float64, float64)")
-def _passed(
-    residual: Array, covariance: Array, pixel_gate: float, chi2_gate: float
-) -> NDArray[np.bool_]:
     n, k = residual.shape
     r, C = np.empty(k), np.empty((k, k))
     passed = np.empty(n, dtype=np.bool_)

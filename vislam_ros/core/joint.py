@@ -160,7 +160,9 @@ class JointFilter:
         S = self._innovation_covariance(HP, predicted, slots)
         n, r = residual.shape
         blocks = S.reshape(n, r, n, r)[np.arange(n), :, np.arange(n), :]
-        passed = predicted.visible & passes_gates(self._settings, residual, blocks)
+        passed = predicted.visible & passes_gates(
+            residual, blocks, self._settings.chi2_gate, self._settings.pixel_gate
+        )
         if not np.any(passed):
             return 0, keys, 0.0, 0
         rows = np.repeat(passed, r)

@@ -89,7 +89,9 @@ class LocalizationFilter:
         # The nearest candidate of each observation: sort by observation, then by distance.
         order = np.lexsort([distance, observation])
         best = order[np.unique(observation, return_index=True)[1]]
-        passed = predicted.visible[best] & passes_gates(self._settings, residual[best], S[best])
+        passed = predicted.visible[best] & passes_gates(
+            residual[best], S[best], self._settings.chi2_gate, self._settings.pixel_gate
+        )
         used = best[passed]
         self._visible = int(predicted.visible[best].sum())
 

@@ -30,7 +30,9 @@ class MappingFilter(IndependentLandmarkFilter):
         P, H = landmarks.covariances[slots], predicted.H_landmark
         HP = H @ P
         S = HP @ np.swapaxes(H, -1, -2) + self._observation.noise
-        passed = predicted.visible & passes_gates(self._settings, residual, S)
+        passed = predicted.visible & passes_gates(
+            residual, S, self._settings.chi2_gate, self._settings.pixel_gate
+        )
         slots, residual, S, HP = slots[passed], residual[passed], S[passed], HP[passed]
         gain = np.swapaxes(np.linalg.solve(S, HP), -1, -2)
         landmarks.means[slots] += (gain @ residual[..., None])[..., 0]

@@ -44,7 +44,6 @@ from vislam_ros.core.error_operations import (
     Retirement,
     Transition,
     landmark_rows,
-    of_each,
     seen_and_rest,
 )
 from vislam_ros.core.estimator import Outcome
@@ -68,9 +67,9 @@ from vislam_ros.core.linear_update import (
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.motion_noise import MotionNoise
 from vislam_ros.core.observation import StereoObservation
-from vislam_ros.core.pixel_noise import PixelNoise
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tape import Tape
+from vislam_ros.core.track_noise import TrackNoise
 from vislam_ros.core.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracks import among, places_of, slots_of
 from vislam_ros.core.warp import warp
@@ -143,7 +142,11 @@ class RobocentricFilter:
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
         )
-        self._pixel_noise = PixelNoise()
+        self._track_noise = TrackNoise(
+            np.diag(self._observation.image_point_noise).copy(),
+            settings.disparity_offset_std,
+            learns=settings.learn_noise,
+        )
         self._disparity_prior = DisparityPrior() if settings.disparity_prior else None
         self._H_twist = _twist_rows(settings.slip_std > 0)
         self._scratch = Scratch()
@@ -308,9 +311,8 @@ class RobocentricFilter:
         """Correct by the observations of active landmarks that are believed; retire the others."""
         if len(keys) < self._settings.min_observations:
             return Outcome()
-        # What ends below may change it for the next frame.
-        noise = self._image_point_noise.diagonal()
         residual = self._straight(pixels) - self.image_points[slots]
+        noise = self._track_noise.variances(slots)
         try:
             believed = self._believed(slots, residual, noise)
         except scipy.linalg.LinAlgError:
@@ -325,41 +327,44 @@ class RobocentricFilter:
             slots = slots_of(keys[kept], self.keys)
         if not n:
             return Outcome(rejected=rejected)
-        nis = self._apply_directly(slots, residual[kept], noise, believed)
-        return Outcome(n, rejected=rejected, nis=nis, nis_dof=3 * n)
+        numbers = len(believed.weighted)
+        nis = self._apply_directly(slots, residual[kept], noise[kept], believed)
+        return Outcome(n, rejected=rejected, nis=nis, nis_dof=numbers)
 
     def _believed(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> Consensus:
         """Innovations (n, 3) that pass their own gates and agree with all others."""
-        S = self._innovation_covariance(slots, noise)
-        passed = np.flatnonzero(passes_gates(self._settings, residual, diagonal_blocks(S, 3)))
-        if len(passed) < len(slots):
-            S = self._innovation_covariance(slots[passed], noise)
-        agreed = consensus(self._settings.chi2_gate, residual[passed], inverse_of_positive(S))
-        return Consensus(passed[agreed.kept], agreed.inverse, agreed.weighted)
-
-    def _innovation_covariance(self, slots: NDArray[np.int64], noise: Array) -> Array:
-        """Return S (3 n, 3 n) of landmarks that are seen with noise variances (3,)."""
-        seen, _ = seen_and_rest(slots, self.active, _SMALL)
+        tracks, components = self._track_noise, self._track_noise.components
+        gate = tracks.gate(self._settings.chi2_gate)
+        own = diagonal_blocks(self.covariance[_SMALL:, _SMALL:], 3)[slots]
+        np.einsum("nii->ni", own)[:] += tracks.expected(noise, self.image_points[slots])
+        credible = passes_gates(residual, own, gate, self._settings.pixel_gate)
+        passed = np.flatnonzero(credible)
+        seen, _ = seen_and_rest(slots[passed], components, self.active, _SMALL)
         S = self._scratch.matrix("work", len(seen), len(seen))
-        innovation_covariance(self.covariance, seen, of_each(noise, len(slots)), S)
-        return S
+        innovation_covariance(self.covariance, seen, _of(noise, passed, components).ravel(), S)
+        new = _of(residual, passed, components)
+        agreed = consensus(gate, new, inverse_of_positive(S))
+        return Consensus(passed[agreed.kept], agreed.inverse, agreed.weighted)
 
     def _apply_directly(
         self, slots: NDArray[np.int64], residual: Array, noise: Array, believed: Consensus
     ) -> float:
-        """Correct by innovations (n, 3) of landmarks with noise variances (3,); return the NIS."""
-        seen, rest = seen_and_rest(slots, self.active, _SMALL)
-        variances = of_each(noise, len(slots))
+        """Correct by innovations (n, 3) of landmarks with noise variances (n, 3); return the NIS.
+
+        Only those numbers count that tell anything new, and those of the consensus are of them.
+        """
+        components = self._track_noise.components
+        seen, rest = seen_and_rest(slots, components, self.active, _SMALL)
+        new, noise = residual[:, components], noise[:, components]
+        r, variances, weighted = new.ravel(), noise.ravel(), believed.weighted
         cross = correct_directly(self.covariance, seen, rest, variances, believed.inverse)
-        r, weighted = residual.ravel(), believed.weighted
-        if self._settings.learn_noise:
-            self._pixel_noise.see(slots, believed.inverse, weighted)
+        self._track_noise.see(slots, residual, believed.inverse.diagonal(), weighted)
         delta = np.empty(len(self.covariance))
         delta[seen] = r - variances * weighted
         delta[rest] = cross @ weighted
         self._shift(delta)
         if self._tape is not None:
-            self._tape.record(DirectCorrection(residual, noise, slots))
+            self._tape.record(DirectCorrection(new, noise, slots, components))
         return float(r @ weighted)
 
     def _shift(self, delta: Array) -> None:
@@ -383,8 +388,7 @@ class RobocentricFilter:
         if not len(keys):
             return
         y = self._straight(pixels)
-        noise = np.empty((len(keys), 3, 3))
-        noise[:] = self._image_point_noise
+        noise = self._track_noise.of_new_tracks(y)
         # A track begun at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
         noise[copied, 1, 1] += stale[copied] ** 2
@@ -394,7 +398,7 @@ class RobocentricFilter:
         self.covariance, _ = admission.carry(self.covariance, _SMALL, self._scratch)
         if self._tape is not None:
             self._tape.record(admission)
-        self._pixel_noise.begin(len(keys))
+        self._track_noise.begin(len(keys))
         self.keys = np.concatenate([self.keys, keys])
         self.image_points = np.concatenate([self.image_points, y])
 
@@ -420,15 +424,10 @@ class RobocentricFilter:
                 _scattered(positions.J_landmark, mapped),
             )
             self._tape.record(retirement)
-        self._pixel_noise.end(gone)
-        _, kept = seen_and_rest(slots, self.active, _SMALL)
+        self._track_noise.end(gone)
+        kept = np.concatenate([np.arange(_SMALL), self._rows(np.flatnonzero(~gone)).ravel()])
         self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
         self.covariance = without(self.covariance, kept, self._scratch)
-
-    @property
-    def _image_point_noise(self) -> Array:
-        """Covariance (3, 3) of an observed image point, square pixels."""
-        return self._pixel_noise.level * self._observation.image_point_noise
 
     def _rows(self, slots: NDArray[np.int64]) -> NDArray[np.int64]:
         """Places (n, 3) of landmarks in the error state."""
@@ -466,6 +465,11 @@ def _coupling(G: Array, by_twist: Array, F_y: Array, shift: Array, shift_new: Ar
                 coupling[i, r, -1] += F_y[i, r, k] * shift[i, k]
             coupling[i, r, -1] -= shift_new[i, r]
     return coupling
+
+
+def _of(numbers: Array, rows: NDArray[np.int64], components: NDArray[np.int64]) -> Array:
+    """Some components (r,) of some rows (k,) of numbers (n, 3)."""
+    return numbers[rows[:, None], components]
 
 
 def _twist_rows(straight: bool) -> Array:

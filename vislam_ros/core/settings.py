@@ -144,8 +144,14 @@ class SlamSettings(MotionSettings):
     )
     learn_noise: bool = setting(
         True,
-        "Learn the level of the pixel noise and the twist's random walk as the filter goes; what "
-        "is told is the start; estimator robocentric",
+        "Learn the noise of the tracks and the twist's random walk as the filter goes; what is "
+        "told is the start; estimator robocentric",
+    )
+    disparity_offset_std: float = setting(
+        0.5,
+        "Error of a disparity that stays for the life of its track [px], where the drive shows "
+        "such errors; 0 means that there is none; estimator robocentric",
+        minimum=0.0,
     )
     disparity_prior: bool = setting(
         True,

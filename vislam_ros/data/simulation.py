@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated drive with exact ground truth: a car, a roadside scene and a stereo tracker.
 
-It has what the real drives have, each by a setting: white pixel and twist noise, a constant
-gyroscope bias, tracks that slide over the scene, and frozen steps. At a frozen step every track
+It has what the real drives have, each by a setting: white pixel and twist noise, disparities that
+are wrong by the same amount for all the life of a track, a constant gyroscope bias, tracks that
+slide over the scene, and frozen steps. At a frozen step every track
 that goes on repeats its last pixels bit for bit, new landmarks are first seen, and from then on
 the old ids stand for other points: those that lie at the stale left pixels at that step, in a
 scene that is about as far away there as it was a step before.
@@ -58,6 +59,9 @@ class SimulationSettings:
     landmarks: int = setting(3000, "Tracks in the whole drive", minimum=1)
     pixel_noise_std: float = setting(
         1.0, "White noise of each of the four pixels [px]", minimum=0.0
+    )
+    disparity_offset_std: float = setting(
+        0.0, "Error of a disparity that stays for the life of its track [px]", minimum=0.0
     )
     velocity_noise_std: float = setting(
         0.1, "White noise of one velocity sample on each axis [m/s]", minimum=0.0
@@ -130,8 +134,8 @@ class SimulatedDrive:
 
 def simulate(settings: SimulationSettings) -> SimulatedDrive:
     """Simulate a drive; equal settings give equal drives, to the last bit."""
-    motion_rng, twist_rng, schedule_rng, track_rng = map(
-        np.random.default_rng, np.random.SeedSequence(settings.seed).spawn(4)
+    motion_rng, twist_rng, schedule_rng, track_rng, offset_rng = map(
+        np.random.default_rng, np.random.SeedSequence(settings.seed).spawn(5)
     )
     seconds: Array = _FIRST_SECOND + _PERIOD * np.arange(settings.steps, dtype=np.float64)
     stamps = nanoseconds(seconds)
@@ -146,7 +150,7 @@ def simulate(settings: SimulationSettings) -> SimulatedDrive:
     births = _births(moving, frozen, settings, schedule_rng)
 
     camera = StereoCamera.from_matrices(INTRINSICS, BASELINE, T_BODY_CAMERA)
-    tracker = _Tracker(camera, settings, track_rng)
+    tracker = _Tracker(camera, settings, track_rng, offset_rng)
     for k in range(settings.steps):
         tracker.step(T_world_body[k], int(births[k]), bool(moving[k]), bool(frozen[k]))
 
@@ -215,6 +219,7 @@ class _Live:
     slides: Array  # (n, 3) world, metres a step
     lives: Array  # (n,) steps of motion left
     disparities: Array  # (n,) true ones at the last step
+    offsets: Array  # (n,) of the right pixels
     pixels: NDArray[np.float32]  # (n, 4) at the last step
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
@@ -229,6 +234,7 @@ class _Tracker:
     camera: StereoCamera
     settings: SimulationSettings
     rng: np.random.Generator
+    offset_rng: np.random.Generator
     seen_ids: list[NDArray[np.uint32]] = field(default_factory=list)
     seen_pixels: list[NDArray[np.float32]] = field(default_factory=list)
     _points: list[tuple[NDArray[np.uint32], NDArray[np.uint32], Array, Array]] = field(
@@ -277,6 +283,7 @@ class _Tracker:
         y = self.camera.project(_transform(se3.inverse(T_world_camera), tracks.points))
         tracks.disparities = y[:, 0] - y[:, 1]
         noise = self.settings.pixel_noise_std * self.rng.standard_normal((len(y), 4))
+        noise[:, 2] += tracks.offsets
         tracks.pixels = (y[:, [0, 2, 1, 2]] + noise).astype(np.float32)
 
     def _in_view(self, T_world_camera: Array, points: Array) -> NDArray[np.bool_]:
@@ -307,6 +314,7 @@ class _Tracker:
             slides=slides @ T_world_camera[:3, :3].T,
             lives=lives,
             disparities=np.zeros(count),
+            offsets=self.settings.disparity_offset_std * self.offset_rng.standard_normal(count),
             pixels=np.zeros((count, 4), dtype=np.float32),
         )
         self._ids_given += count

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A SLAM session in a steady state: always the same number of landmarks in view."""
 
+import dataclasses
 from collections import deque
 from dataclasses import dataclass
 
@@ -23,8 +24,9 @@ CAMERA = StereoCamera.from_matrices(INTRINSICS, BASELINE, T_BODY_CAMERA)
 
 _PERIOD = 0.1
 _FIRST_STAMP = 1_700_000_000 * NANOSECONDS
-# Less noise than any filter expects, so that no gate ever changes the number of landmarks.
 _PIXEL_STD = 0.5
+# A gate that is at work as any other, but so wide that it never changes the number of landmarks.
+_GATE = 100.0
 _TWIST_STD = np.repeat([0.05, 0.005], 3)
 # Where the points are drawn: well inside the image, so that the sway keeps them there.
 _LOW, _HIGH = np.array([100.0, 100.0]), np.array([1140.0, 275.0])
@@ -119,6 +121,8 @@ class SteadySession:
         self._turnover = turnover
         self._scene = SwayingScene(active)
         self._filter_steps: deque[FilterStep] = deque(maxlen=100)
+        if settings.chi2_gate > 0:
+            settings = dataclasses.replace(settings, chi2_gate=_GATE)
         self._slam = WatchedSlam(settings, self._filter_steps.append)
         self._slam.set_camera(CAMERA)
         self.last = self._take(0)
