@@ -20,9 +20,9 @@ life of a track (by 0.4 to 0.7 pixels on KITTI, where it changes by less than 0.
 frame). Such a disparity can be observed only once: afterwards the right pixel repeats what is
 known. Whether a drive is one of these shows in the disparity's innovations. Of one and the one
 before it, the second is within half of the first's size of the first in a share of the tracks
-that is 0.17 where the errors are white, 0.27 where only the first disparity was used, and over 0.6
-where an error stays (the ratio of two normal variables with correlation rho is Cauchy about rho,
-with scale ``sqrt(1 - rho^2)``).
+that is 0.17 where the errors are white, 0.27 where they are and only the first disparity was used,
+and 0.64 where they have a correlation rho of 0.95 (the ratio of two such normal variables is
+Cauchy about rho, with scale ``sqrt(1 - rho^2)``); on KITTI it is 0.42 to 0.67.
 
 All look back only, so the noise is the same live and offline.
 """
@@ -43,8 +43,8 @@ _LARGEST_CHANGE = 0.3
 _LIMIT = math.log(1e4)
 # The prior of a track's own scale counts as this many numbers observed.
 _PRIOR_NUMBERS = 6.0
-# Of the share of disparity errors that stay: its start, the number of errors that it counts for
-# and those remembered at most, and where an offset is taken for proven.
+# Of the share of disparity errors that stay: its start, just short of proof, the number of errors
+# that it counts for and those remembered at most, and where offsets are taken for proven.
 _FIRST_SHARE = 0.34
 _PRIOR_ERRORS = 200
 _ERRORS_REMEMBERED = 5000
@@ -118,9 +118,6 @@ class TrackNoise:
         """Variances (n, 3) of the image points of known landmarks, square pixels."""
         return self.level * self._scale(slots)[:, None] * self._variances
 
-    def _scale(self, slots: NDArray[np.int64]) -> Array:
-        return self._noise[slots] / self._observed[slots]
-
     def expected(self, variances: Array, y: Array) -> Array:
         """Variances (n, 3) that innovations at image points (n, 3) add to those of the state."""
         if not self.has_offsets:
@@ -174,6 +171,10 @@ class TrackNoise:
         change = min(max(change, -_LARGEST_CHANGE), _LARGEST_CHANGE)
         self.level = math.exp(min(max(math.log(self.level) + change, -_LIMIT), _LIMIT))
         self._judge_offsets(slots, residual[:, 0] - residual[:, 1])
+
+    def _scale(self, slots: NDArray[np.int64]) -> Array:
+        """Scales (n,) of tracks' own noise."""
+        return self._noise[slots] / self._observed[slots]
 
     def _offset_variances(self, y: Array) -> Array:
         """Variances (n,) of the disparities' offsets at image points (n, 3)."""
