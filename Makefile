@@ -77,7 +77,7 @@ clean: ## remove everything that was made, the virtual environment too
 $(READY): setup.py
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	  { echo 'error: Python 3.10 or later is needed: make PYTHON=/path/to/python3'; exit 1; }
-	@echo 'Setting up $(VENV) (once; about 900 MB)'
+	@echo 'Setting up $(VENV) (once; about 1.1 GB)'
 	@$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
 	@$(ENTER) $(BIN)/pip install --disable-pip-version-check --use-pep517 -e '.[$(EXTRAS)]' \
 	  >$(VENV)/pip.log 2>&1 || { cat $(VENV)/pip.log; exit 1; }
