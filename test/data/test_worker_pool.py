@@ -28,8 +28,11 @@ if __name__ == "__main__":
 
 def wait_for_end(pid: int) -> None:
     deadline = time.monotonic() + 20
-    while Path(f"/proc/{pid}").exists():
-        if "\nState:\tZ" in Path(f"/proc/{pid}/status").read_text():
+    while True:
+        try:
+            if "\nState:\tZ" in Path(f"/proc/{pid}/status").read_text():
+                return
+        except (FileNotFoundError, ProcessLookupError):
             return
         assert time.monotonic() < deadline, f"{pid} still runs"
         time.sleep(0.02)
