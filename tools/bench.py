@@ -10,6 +10,7 @@
   e  GTSAM's iSAM2, fixed-lag smoother and batch optimum on the same tracks, over the whole drive
      and, with what is too slow for that, over its first steps
   f  consistency (NEES) and optimality (ATE beside the batch optimum's) on simulated drives
+  g  the errors of a drive's disparities: their size, and how little they change along a track
 
 BLAS has one thread. Times are processor time of the thread that works, so that others on the
 machine disturb them less; what is compared is measured in turn.
@@ -39,6 +40,7 @@ from vislam_ros.data.benchmark.machine import describe_machine
 from vislam_ros.data.benchmark.peer_comparison import PeerComparison
 from vislam_ros.data.benchmark.recorded_drive import first_steps
 from vislam_ros.data.benchmark.report_table import print_report
+from vislam_ros.data.benchmark.track_errors import disparity_errors
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.loading import load_drive
 from vislam_ros.data.simulated_file import write_simulated
@@ -60,7 +62,7 @@ SIMULATED = SimulationSettings(
     gyro_bias=(-0.01, -0.01, -0.01),
     frozen_share=0.147,
 )
-SECTIONS = "abcdef"
+SECTIONS = "abcdefg"
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -113,7 +115,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
                 step_times.above_the_floor(slam, active, effort, turnover=True)
                 for active in counts
             ]
-        if set("de") & set(arguments.only):
+        if set("deg") & set(arguments.only):
             _measure_drive(arguments, parameters, report)
         if "f" in arguments.only:
             _measure_consistency(arguments, parameters, report)
@@ -151,6 +153,11 @@ def _measure_drive(
         drive = load_drive(data)
         reference = read_tum(reference_path) if reference_path else None
         report["data"] = drive.name
+        smoothable = parameters.slam.estimator in SMOOTHABLE
+        if not smoothable and set("dg") & set(arguments.only):
+            report["notes"].append(
+                f"{parameters.slam.estimator} cannot be smoothed: what needs it is left out"
+            )
         if "d" in arguments.only:
             _say(f"d: {data.name}, whole")
             rows = [solve_here(drive, parameters.slam, parameters.prediction, reference)]
@@ -158,13 +165,14 @@ def _measure_drive(
             if arguments.params:
                 options += ["--params", str(arguments.params)]
             rows.append(solve_as_command(data, options, reference_path))
-            if parameters.slam.estimator in SMOOTHABLE:
+            if smoothable:
                 rows.append(solve_as_command(data, [*options, "--smooth"], reference_path))
-            else:
-                report["notes"].append(
-                    f"{parameters.slam.estimator} cannot be smoothed: that row is left out"
-                )
             report["drive"] = rows
+        if "g" in arguments.only and smoothable:
+            _say(f"g: the tracks of {data.name}")
+            report["disparity_errors"] = disparity_errors(
+                drive, parameters.slam, parameters.prediction
+            )
         if "e" not in arguments.only:
             return
         if reference is None:
@@ -222,7 +230,7 @@ def _parser() -> argparse.ArgumentParser:
     add: Callable[..., Any] = parser.add_argument
     add("--only", type=_sections, default=set(SECTIONS), metavar="a,c", help="these sections")
     add("--quick", action="store_true", help="fewer repeats and sizes, to see that all works")
-    add("--data", type=Path, metavar="FILE", help="dataset or bag of d and e")
+    add("--data", type=Path, metavar="FILE", help="dataset or bag of d, e and g")
     add("--reference", type=Path, metavar="REF.tum", help="its reference, if not beside it")
     add(
         "--peer-steps",

@@ -16,7 +16,7 @@ its own, whose prior counts as a few numbers observed: the scale mixture that ma
     E[n^T R_0^-1 n] = s^2 w^T R_0 w + s (dim r - s tr(D_ii R_0))
 
 *Offset.* The matching of left and right finds the disparity wrong by the same amount for all the
-life of a track (by 0.4 to 0.7 pixels on KITTI, where it changes by less than 0.1 from frame to
+life of a track (on KITTI by 0.4 to 1.2 pixels, where it changes by 0.06 to 0.25 from frame to
 frame). Such a disparity can be observed only once: afterwards the right pixel repeats what is
 known. Whether a drive is one of these shows in the disparity's innovations. Of one and the one
 before it, the second is within half of the first's size of the first in a share of the tracks

@@ -100,6 +100,17 @@ _TABLES: dict[str, tuple[str, _Columns]] = {
             ("dead_reckoning_m", "dead reckoning [m]", "{:.2f}"),
         ),
     ),
+    "disparity_errors": (
+        "Errors of the disparities of tracks",
+        (
+            ("from_px", "disparity from [px]", "{:g}"),
+            ("to_px", "to [px]", "{:g}"),
+            ("tracks", "tracks", "{}"),
+            ("first_px", "in the first frame [px]", "{:.2f}"),
+            ("step_px", "change in a frame [px]", "{:.2f}"),
+            ("later_px", "in five [px]", "{:.2f}"),
+        ),
+    ),
     "peers": ("On the same tracks, the whole drive", _PEERS),
     "peers_first_steps": ("On the same tracks, first steps: every peer", _PEERS),
 }
