@@ -53,6 +53,15 @@ def trying_drive(steps: int, landmarks: int, seed: int, **others: float) -> Driv
     return drive
 
 
+def trying_drives(steps: int, landmarks: int, seed: int) -> dict[str, Drive]:
+    """Simulate it with white pixel noise, and with disparities that keep their errors."""
+    offsets = {"pixel_noise_std": 0.05, "disparity_offset_std": 0.6}
+    return {
+        "white": trying_drive(steps, landmarks, seed),
+        "offsets": trying_drive(steps, landmarks, seed, **offsets),
+    }
+
+
 def increments(drive: Drive, settings: SlamSettings) -> list[Increment]:
     """Predicted motion before each frame."""
     reckoning = DeadReckoning(PredictionSettings(time_jump=settings.time_jump))

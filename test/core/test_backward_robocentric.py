@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 from dense_robocentric import DenseRobocentricFilter
-from tracked_drive import run, trying_drive
+from tracked_drive import run, trying_drives
 
 from vislam_ros.core.backward import smooth
 from vislam_ros.core.robocentric import RobocentricFilter
@@ -16,12 +16,7 @@ from vislam_ros.data.drive import Drive
 
 @pytest.fixture(scope="module")
 def drives() -> dict[str, Drive]:
-    """With white pixel noise, and with disparities that keep an error."""
-    offsets = {"pixel_noise_std": 0.05, "disparity_offset_std": 0.6}
-    return {
-        "white": trying_drive(steps=24, landmarks=100, seed=7),
-        "offsets": trying_drive(steps=24, landmarks=100, seed=7, **offsets),
-    }
+    return trying_drives(steps=24, landmarks=100, seed=7)
 
 
 @pytest.mark.parametrize("kind", ["white", "offsets"])

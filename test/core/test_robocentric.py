@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from dense_robocentric import DenseRobocentricFilter
 from numpy.typing import NDArray
-from tracked_drive import run, trying_drive
+from tracked_drive import run, trying_drives
 
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
@@ -25,12 +25,7 @@ Array = NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def drives() -> dict[str, Drive]:
-    """With white pixel noise, and with disparities that keep an error."""
-    offsets = {"pixel_noise_std": 0.05, "disparity_offset_std": 0.6}
-    return {
-        "white": trying_drive(steps=24, landmarks=120, seed=6),
-        "offsets": trying_drive(steps=24, landmarks=120, seed=6, **offsets),
-    }
+    return trying_drives(steps=24, landmarks=120, seed=6)
 
 
 @pytest.mark.parametrize("kind", ["white", "offsets"])
