@@ -36,6 +36,16 @@ def test_a_track_keeps_its_key_while_it_is_seen(tracks):
     assert not len(frame.ended)
 
 
+def test_arrays_that_cannot_be_written_to_are_taken_as_they_are(tracks):
+    frames = []
+    for _ in range(2):
+        ids, pixels = frame_of({7: 100, 3: 200})
+        ids, pixels = (np.frombuffer(a.tobytes(), a.dtype).reshape(a.shape) for a in (ids, pixels))
+        frames.append(tracks.observe(ids, pixels, lambda: False))
+    np.testing.assert_array_equal(frames[0].keys, frames[1].keys)
+    assert frames[0].pixels[:, 0].tolist() == [200, 100]
+
+
 def test_pixels_come_in_the_order_of_the_keys(tracks):
     observe(tracks, {7: 100, 3: 200})
     frame, keys = observe(tracks, {9: 50, 3: 201, 7: 101})
