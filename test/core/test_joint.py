@@ -47,4 +47,4 @@ def test_pose_and_active_landmarks_are_the_dense_filters(
             np.testing.assert_allclose(covariances[i], covariance, rtol=0, atol=1e-9)
     assert filter_.landmark_count == len(dense.place_of_key) > 200
     assert filter_.active < 120
-    assert (rejected > 20) == (chi2_gate > 0)
+    assert (rejected > 10) == (chi2_gate > 0)

@@ -6,8 +6,8 @@ It has what the real drives have, each by a setting: white pixel and twist noise
 are wrong by the same amount for all the life of a track, a constant gyroscope bias, tracks that
 slide over the scene, and frozen steps. At a frozen step every track
 that goes on repeats its last pixels bit for bit, new landmarks are first seen, and from then on
-the old ids stand for other points: those that lie at the stale left pixels at that step, in a
-scene that is about as far away there as it was a step before.
+the old ids stand for other points: those that lie, but for the noise, at the stale left pixels at
+that step, in a scene that is about as far away there as it was a step before.
 """
 
 from dataclasses import dataclass, field
@@ -218,7 +218,7 @@ class _Live:
     points: Array  # (n, 3) world
     slides: Array  # (n, 3) world, metres a step
     lives: Array  # (n,) steps of motion left
-    disparities: Array  # (n,) true ones at the last step
+    image_points: Array  # (n, 3) true (u_left, u_right, v) at the last step
     offsets: Array  # (n,) of the right pixels
     pixels: NDArray[np.float32]  # (n, 4) at the last step
 
@@ -281,7 +281,7 @@ class _Tracker:
 
     def _observe(self, tracks: _Live, T_world_camera: Array) -> None:
         y = self.camera.project(_transform(se3.inverse(T_world_camera), tracks.points))
-        tracks.disparities = y[:, 0] - y[:, 1]
+        tracks.image_points = y
         noise = self.settings.pixel_noise_std * self.rng.standard_normal((len(y), 4))
         noise[:, 2] += tracks.offsets
         tracks.pixels = (y[:, [0, 2, 1, 2]] + noise).astype(np.float32)
@@ -296,9 +296,9 @@ class _Tracker:
         """Let every live track go on from its stale pixels with the point that lies there now."""
         live = self._live
         jump = np.exp(_LOG_JUMP_STD * self.rng.standard_normal(len(live.ids)))
-        live.disparities = live.disparities * jump
-        u_left, v = live.pixels[:, 0].astype(float), live.pixels[:, 1].astype(float)
-        y = np.column_stack([u_left, u_left - live.disparities, v])
+        y = live.image_points.copy()
+        y[:, 1] = y[:, 0] - jump * (y[:, 0] - y[:, 1])
+        live.image_points = y
         live.points = _transform(T_world_camera, self.camera.triangulate(y))
         live.generations = live.generations + np.uint32(1)
         self._points.append((live.ids, live.generations, live.points, live.slides))
@@ -313,7 +313,7 @@ class _Tracker:
             points=_transform(T_world_camera, points_camera),
             slides=slides @ T_world_camera[:3, :3].T,
             lives=lives,
-            disparities=np.zeros(count),
+            image_points=np.zeros((count, 3)),
             offsets=self.settings.disparity_offset_std * self.offset_rng.standard_normal(count),
             pixels=np.zeros((count, 4), dtype=np.float32),
         )
