@@ -14,9 +14,8 @@ from vislam_ros.core.dead_reckoning import Prediction
 from vislam_ros.core.slam import SlamStep, require_smoothable
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.result_writer import ResultWriter, refuse_used
-from vislam_ros.data.solving import Solution, solve
+from vislam_ros.data.solving import Solution, smoothed_trajectory, solve
 from vislam_ros.data.summary import StepStatistics, peak_rss_mb
-from vislam_ros.data.trajectory import Trajectory
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -35,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         if solution.smoothed is not None:
             smoothed = solution.smoothed
             writer.set_smoothed(
-                Trajectory(smoothed.stamps, smoothed.positions, smoothed.quaternions),
+                smoothed_trajectory(smoothed),
                 smoothed.covariances,
             )
         writer.summary.refused = solution.refused

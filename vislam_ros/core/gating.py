@@ -91,9 +91,9 @@ class Consensus(NamedTuple):
     ----------
     kept : ndarray of int64, (k,)
         Which they are.
-    inverse : ndarray, (3 k, 3 k)
+    inverse : ndarray, (k r, k r)
         Inverse of their joint covariance S.
-    weighted : ndarray, (3 k,)
+    weighted : ndarray, (k r,)
         ``S^-1 r``.
     """
 

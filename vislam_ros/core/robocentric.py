@@ -71,7 +71,7 @@ from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tape import Tape
 from vislam_ros.core.track_noise import TrackNoise
 from vislam_ros.core.tracked_frame import Keys, TrackedFrame
-from vislam_ros.core.tracks import among, places_of, slots_of
+from vislam_ros.core.tracks import among, slots_of
 from vislam_ros.core.warp import warp
 
 Array = NDArray[np.float64]
@@ -197,7 +197,7 @@ class RobocentricFilter:
         if moved:
             before, Y = self._measure_twist(increment)
             passed = self._move(increment.duration, Y)
-        slots = places_of(frame.keys, self.keys)
+        slots = slots_of(frame.keys, self.keys)
         known = slots >= 0
         outcome = self._correct(frame.keys[known], slots[known], frame.pixels[known])
         if self._settings.learn_noise and moved and outcome.used:

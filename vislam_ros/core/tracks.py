@@ -21,7 +21,7 @@ from vislam_ros.core.tracked_frame import Keys, TrackedFrame
 NO_KEY = -1
 
 
-def places_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
+def slots_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
     """Places (n,) in a table (m,) of different keys, in any order, of keys (n,); -1 for none."""
     order = np.argsort(table)
     return _found(keys, table[order], order)
@@ -44,14 +44,9 @@ def _found(keys: Keys, ordered: Keys, places: NDArray[np.int64]) -> NDArray[np.i
     return result
 
 
-def slots_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
-    """Places (n,) in a table (m,) of different keys, in any order, of keys (n,) that are in it."""
-    return places_of(keys, table)
-
-
 def among(keys: Keys, table: Keys) -> NDArray[np.bool_]:
     """Tell which keys (n,) are in a table (m,) of different keys, in any order."""
-    return places_of(keys, table) >= 0
+    return slots_of(keys, table) >= 0
 
 
 class Tracks:

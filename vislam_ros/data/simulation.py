@@ -4,10 +4,10 @@
 
 It has what the real drives have, each by a setting: white pixel and twist noise, disparities that
 are wrong by the same amount for all the life of a track, a constant gyroscope bias, tracks that
-slide over the scene, and frozen steps. At a frozen step every track
-that goes on repeats its last pixels bit for bit, new landmarks are first seen, and from then on
-the old ids stand for other points: those that lie, but for the noise, at the stale left pixels at
-that step, in a scene that is about as far away there as it was a step before.
+slide over the scene, and frozen steps. At a frozen step every track that goes on repeats its last
+pixels bit for bit, new landmarks are first seen, and from then on the old ids stand for other
+points: those that lie, but for the noise, at the stale left pixels at that step, in a scene that
+is about as far away there as it was a step before.
 """
 
 from dataclasses import dataclass, field

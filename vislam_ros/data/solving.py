@@ -58,6 +58,11 @@ def trajectory_of(poses: Sequence[SlamStep] | Sequence[Prediction]) -> Trajector
     )
 
 
+def smoothed_trajectory(smoothed: SmoothedDrive) -> Trajectory:
+    """Poses of a smoothed drive."""
+    return Trajectory(smoothed.stamps, smoothed.positions, smoothed.quaternions)
+
+
 def feed(
     drive: Drive, reckoning: DeadReckoning, slam: Slam
 ) -> Iterator[tuple[Prediction | None, list[SlamStep]]]:

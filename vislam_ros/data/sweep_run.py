@@ -14,7 +14,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation import compare
 from vislam_ros.data.simulation import simulate
-from vislam_ros.data.solving import Solution, solve
+from vislam_ros.data.solving import Solution, smoothed_trajectory, solve
 from vislam_ros.data.sweep_plan import SweepRun
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
@@ -87,7 +87,7 @@ def _figures(inputs: SweepInputs, run: SweepRun) -> dict[str, float | None]:
         figures["dead_reckoning_ate_m"] = errors["ate_m"]["rmse"]
         if solution.smoothed is not None:
             smoothed = solution.smoothed
-            poses = Trajectory(smoothed.stamps, smoothed.positions, smoothed.quaternions)
+            poses = smoothed_trajectory(smoothed)
             errors = compare(reference, poses, smoothed.covariances)
             figures["smoothed_ate_m"] = errors["ate_m"]["rmse"]
             figures["smoothed_nees_per_dof"] = errors["nees_per_dof"]

@@ -22,7 +22,7 @@ from vislam_ros.data.benchmark.recorded_drive import record
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation import compare
 from vislam_ros.data.simulation import SimulationSettings, simulate
-from vislam_ros.data.solving import solve
+from vislam_ros.data.solving import smoothed_trajectory, solve
 from vislam_ros.data.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -172,7 +172,7 @@ class MonteCarlo:
                 ),
                 "smoothed": _judged(
                     drive,
-                    Trajectory(smoothed.stamps, smoothed.positions, smoothed.quaternions),
+                    smoothed_trajectory(smoothed),
                     smoothed.covariances,
                 ),
                 "joint": _judged(

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import median_abs_deviation
 
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
@@ -21,7 +22,7 @@ from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.warp import warp
 from vislam_ros.data.benchmark.recorded_drive import record
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.solving import smoothed_trajectory
 
 Array = NDArray[np.float64]
 
@@ -36,8 +37,6 @@ _LEFT = np.array([0, 2])
 _ITERATIONS = 5
 # Holds the disparity of a point without parallax, 1 / pixels; such a track is then left out.
 _WEAK = 0.01
-# Of a normal variable, the standard deviation over the median absolute deviation.
-_STD_OF_MEDIAN = 1.4826
 
 
 def disparity_errors(
@@ -55,7 +54,7 @@ def disparity_errors(
     recorded = record(drive, slam_settings, prediction_settings, smooth=True)
     smoothed = recorded.smoothed
     assert smoothed is not None
-    poses = Trajectory(smoothed.stamps, smoothed.positions, smoothed.quaternions).T_world_body
+    poses = smoothed_trajectory(smoothed).T_world_body
     observation = StereoObservation(drive.camera, slam_settings.pixel_variance)
     frames: dict[int, list[int]] = defaultdict(list)
     points: dict[int, list[Array]] = defaultdict(list)
@@ -93,7 +92,8 @@ def disparity_errors(
 def _errors(camera: StereoCamera, poses: Array, y: Array) -> Array | None:
     """Errors (n,) of the disparities of image points (n, 3); None where they are not known."""
     motions = se3.inverse(poses[0]) @ poses
-    point = y[0].copy()
+    by_point = np.array([1.0, -1.0, 0.0])
+    point = y[0]
     for _ in range(_ITERATIONS):
         warped = [warp(camera, point[None], motion) for motion in motions]
         if not all(each.ahead[0] for each in warped):
@@ -101,19 +101,18 @@ def _errors(camera: StereoCamera, poses: Array, y: Array) -> Array | None:
         expected = np.array([each.y[0] for each in warped])
         left = (y - expected)[:, _LEFT]
         rows = np.array([each.F_y[0] for each in warped])[:, _LEFT].reshape(-1, 3)
-        prior = _WEAK * np.array([[1.0, -1.0, 0.0]])
-        J = np.concatenate([rows, prior])
-        r = np.append(left.ravel(), prior @ (y[0] - point))
+        J = np.concatenate([rows, _WEAK * by_point[None]])
+        r = np.append(left.ravel(), _WEAK * by_point @ (y[0] - point))
         point = point + np.linalg.lstsq(J, r, rcond=None)[0]
     fit = float(np.sqrt(np.mean(left**2)))
-    a = np.array([1.0, -1.0, 0.0])
-    known = max(fit, 0.2) * float(np.sqrt(a @ np.linalg.solve(J.T @ J, a)))
+    variance = by_point @ np.linalg.solve(J.T @ J, by_point)
+    known = max(fit, 0.2) * float(np.sqrt(variance))
     if fit > _FITS or known > _KNOWN:
         return None
-    error: Array = (y - expected) @ a
+    error: Array = (y - expected) @ by_point
     return error
 
 
 def _spread(values: Array) -> float:
     """Robust standard deviation about the median."""
-    return float(_STD_OF_MEDIAN * np.median(np.abs(values - np.median(values))))
+    return float(median_abs_deviation(values, scale="normal"))
