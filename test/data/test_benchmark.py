@@ -101,13 +101,19 @@ def test_watching_the_filter_changes_nothing(simulated, recorded):
 
 
 def test_noise_and_bias_are_read_off_a_drive():
-    drive = simulate(SimulationSettings(steps=600, landmarks=60, gyro_bias=(0.01, 0.02, 0.03)))
-    drive = drive.drive
+    simulation = SimulationSettings(
+        steps=600,
+        landmarks=60,
+        velocity_noise_std=0.5,
+        angular_velocity_noise_std=0.05,
+        gyro_bias=(0.01, 0.02, 0.03),
+    )
+    drive = simulate(simulation).drive
     velocity, angular = white_twist_noise(drive)
-    assert velocity == pytest.approx(0.1, rel=0.2)
-    assert angular == pytest.approx(0.01, rel=0.2)
+    assert velocity == pytest.approx(0.5, rel=0.15)
+    assert angular == pytest.approx(0.05, rel=0.15)
     assert given_gyro_bias(drive, drive.ground_truth) == pytest.approx(
-        [0.01, 0.02, 0.03], abs=4 * 0.01 / np.sqrt(600)
+        [0.01, 0.02, 0.03], abs=4 * 0.05 / np.sqrt(600)
     )
 
 

@@ -84,6 +84,20 @@ def test_the_car_turns_climbs_and_stands_still(demo):
     assert np.abs(demo.true_twists[:, 1:3]).max() < 0.5
 
 
+def test_a_rough_road_changes_the_twist_from_step_to_step_as_on_kitti(demo):
+    change = np.diff(demo.true_twists, axis=0)
+    std = change.std(axis=0)
+    # Measured on five drives of KITTI and KITTI-360, see shared/data/README.md.
+    assert 0.08 < std[0] < 0.25
+    assert np.all((std[1:3] > 0.02) & (std[1:3] < 0.1))
+    assert np.all((std[3:5] > 0.01) & (std[3:5] < 0.03))
+    assert 0.007 < std[5] < 0.02
+    # Speed changes smoothly; sideways, up and in its turn rates a car shakes.
+    following = np.sum(change[1:] * change[:-1], axis=0) / np.sum(change**2, axis=0)
+    assert following[0] > 0.5
+    assert np.all(np.abs(following[1:5]) < 0.4)
+
+
 def test_a_drive_starts_at_the_origin_on_rigid_poses():
     T = drive_poses(300, 0.1, np.random.default_rng(3))
     np.testing.assert_array_equal(T[0], np.eye(4))

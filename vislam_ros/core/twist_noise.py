@@ -22,6 +22,15 @@ _OFTEN, _RENEWAL = 50, 10
 _PRIOR_WEIGHT = 10
 
 
+def white_noise_std(third_differences: Array) -> Array:
+    """Standard deviation (k,) of the white noise behind absolute third differences (n, k)."""
+    n = len(third_differences)
+    middle = [(n - 1) // 2, n // 2]
+    ordered = np.partition(third_differences, middle, axis=0)
+    median: Array = 0.5 * (ordered[middle[0]] + ordered[middle[1]])
+    return _MEDIAN_TO_STD * median / np.sqrt(_VARIANCE_RATIO)
+
+
 class TwistNoise:
     """Running estimate of the standard deviation of each axis (6,) of a twist.
 
@@ -58,10 +67,7 @@ class TwistNoise:
 
     def _measured(self) -> Array:
         count = min(self._heard, _WINDOW)
-        middle = [(count - 1) // 2, count // 2]
-        ordered = np.partition(self._differences[:count], middle, axis=0)
-        median = 0.5 * (ordered[middle[0]] + ordered[middle[1]])
-        measured = _MEDIAN_TO_STD * median / np.sqrt(_VARIANCE_RATIO)
+        measured = white_noise_std(self._differences[:count])
         # The prior fades fast, for it may be a hundredfold off.
         weight = _PRIOR_WEIGHT / max(1.0, (count / 5) ** 2)
         variance = (weight * self._prior**2 + count * measured**2) / (weight + count)

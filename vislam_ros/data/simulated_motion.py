@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The way of a simulated car: turns, hills, a varying speed and a stop."""
+"""The way of a simulated car: turns, hills, a rough road, a varying speed and a stop."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,12 @@ _SHORTEST_WITH_STOP = 20.0  # seconds
 _STOP_SHARE = 0.05  # of the whole time
 _STOP_AT = 0.55  # of the whole time
 
+# Waves of the road that shake a car: cycles a metre, at 9 m/s one to four a second.
+_LONGEST_WAVE, _SHORTEST_WAVE, _WAVES = 0.03, 0.3, 12
+# How far they move it, so that its twist changes within a step as on KITTI: metres forward, to
+# the left and up, radians about the same.
+_SHAKE_STD = np.array([4e-3, 6e-3, 3.5e-3, 1.7e-3, 1.7e-3, 0.9e-3])
+
 
 def drive_poses(steps: int, period: float, rng: np.random.Generator) -> Array:
     """Poses ``T_world_body`` (steps, 4, 4), the first of which is the identity.
@@ -29,7 +35,7 @@ def drive_poses(steps: int, period: float, rng: np.random.Generator) -> Array:
     period : float
         Seconds between poses.
     rng : Generator
-        Draws the turns and the phases of speed, slope and roll.
+        Draws the turns, the waves of the road, and the phases of speed, slope and roll.
     """
     dt = period / _SUBSTEPS
     t: Array = dt * np.arange((steps - 1) * _SUBSTEPS + 1, dtype=np.float64)
@@ -58,6 +64,7 @@ def drive_poses(steps: int, period: float, rng: np.random.Generator) -> Array:
         @ se3.exp_rotation(np.column_stack([roll, zero, zero]))
     )
     T[:, :3, 3] = position[::_SUBSTEPS]
+    T = T @ se3.exp(_shake(way[::_SUBSTEPS], rng))
     T_first_body = se3.inverse(T[0]) @ T
     T_first_body[0] = np.eye(4)
     return T_first_body
@@ -85,6 +92,15 @@ def _yaw(way: Array, rng: np.random.Generator) -> Array:
         yaw += angle * _ramp((way - start) / length)
         start += length + rng.uniform(30, 90)
     return yaw
+
+
+def _shake(way: Array, rng: np.random.Generator) -> Array:
+    """Small motion ``xi`` (n, 6) that a rough road adds to a car."""
+    wave = rng.uniform(_LONGEST_WAVE, _SHORTEST_WAVE, (_WAVES, 6))
+    phase = rng.uniform(0, 2 * np.pi, (_WAVES, 6))
+    waves = np.sin(2 * np.pi * wave * way[:, None, None] + phase)
+    shake: Array = _SHAKE_STD * np.sqrt(2 / _WAVES) * waves.sum(axis=1)
+    return shake
 
 
 def _ramp(x: Array) -> Array:

@@ -13,17 +13,13 @@ from vislam_ros.core.dead_reckoning import DeadReckoning
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import SlamStep
 from vislam_ros.core.smoothed_drive import SmoothedDrive
+from vislam_ros.core.twist_noise import white_noise_std
 from vislam_ros.data.benchmark.interleaving import cpu_clock
 from vislam_ros.data.benchmark.watched_slam import FilterStep, WatchedSlam
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation import associate
 from vislam_ros.data.solving import feed, trajectory_of
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
-
-# White noise of unit variance has third differences of variance 1 + 9 + 9 + 1, and its standard
-# deviation is 1.4826 times its median absolute deviation.
-_STD_OF_THIRD_DIFFERENCE = np.sqrt(20.0)
-_STD_OF_MEDIAN = 1.4826
 
 
 @dataclass(frozen=True)
@@ -101,12 +97,11 @@ def first_steps(drive: Drive, count: int) -> Drive:
 def white_twist_noise(drive: Drive) -> tuple[float, float]:
     """Standard deviations of the white noise of velocity (m/s) and angular velocity (rad/s).
 
-    Read off the twists: three differences in a row leave little of the motion itself, and the
-    median little of its jerks.
+    Read off the third differences of all twists, from the axis that the motion itself jerks
+    least.
     """
-    third = np.median(np.abs(np.diff(drive.twists, 3, axis=0)), axis=0)
-    std = _STD_OF_MEDIAN * third / _STD_OF_THIRD_DIFFERENCE
-    return float(np.median(std[:3])), float(np.median(std[3:]))
+    std = white_noise_std(np.abs(np.diff(drive.twists, 3, axis=0)))
+    return float(std[:3].min()), float(std[3:].min())
 
 
 def given_gyro_bias(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:
