@@ -54,6 +54,18 @@ def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path):
     assert all(row["ate_m"] > 0 for row in rows)
 
 
+def test_a_drive_is_measured_beside_others_of_the_same_motion(tmp_path):
+    data = tmp_path / "drive.npz"
+    write_simulated(data, simulate(SimulationSettings(steps=60, landmarks=300)))
+    out = tmp_path / "bench.json"
+    result = bench("--only", "h", "--quick", "--data", data, "--out", out)
+    assert result.returncode == 0, result.stderr
+    assert "simulated along its reference" in result.stdout
+    itself, others = json.loads(out.read_text())["retraced"]["runs"]
+    assert (itself["drives"], others["drives"]) == (1, 2)
+    assert others["nees_least"] <= others["nees"] <= others["nees_greatest"]
+
+
 def test_consistency_is_measured_on_drives_of_each_kind(tmp_path):
     out = tmp_path / "bench.json"
     result = bench("--only", "f", "--quick", "--seeds", 1, "--out", out)
@@ -70,4 +82,4 @@ def test_consistency_is_measured_on_drives_of_each_kind(tmp_path):
 def test_an_unknown_section_is_wrong_usage():
     result = bench("--only", "a,z")
     assert result.returncode == 2
-    assert "a, b, c, d, e, f, g" in result.stderr
+    assert "a, b, c, d, e, f, g, h" in result.stderr

@@ -11,6 +11,7 @@
      and, with what is too slow for that, over its first steps
   f  consistency (NEES) and optimality (ATE beside the batch optimum's) on simulated drives
   g  the errors of a drive's disparities: their size, and how little they change along a track
+  h  consistency on drives simulated along a drive's reference, with its noise, beside its own
 
 BLAS has one thread. Times are processor time of the thread that works, so that others on the
 machine disturb them less; what is compared is measured in turn.
@@ -40,6 +41,7 @@ from vislam_ros.data.benchmark.machine import describe_machine
 from vislam_ros.data.benchmark.peer_comparison import PeerComparison
 from vislam_ros.data.benchmark.recorded_drive import first_steps
 from vislam_ros.data.benchmark.report_table import print_report
+from vislam_ros.data.benchmark.retraced import retrace
 from vislam_ros.data.benchmark.track_errors import disparity_errors
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.loading import load_drive
@@ -62,7 +64,7 @@ SIMULATED = SimulationSettings(
     gyro_bias=(-0.01, -0.01, -0.01),
     frozen_share=0.147,
 )
-SECTIONS = "abcdefg"
+SECTIONS = "abcdefgh"
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -115,7 +117,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
                 step_times.above_the_floor(slam, active, effort, turnover=True)
                 for active in counts
             ]
-        if set("deg") & set(arguments.only):
+        if set("degh") & set(arguments.only):
             _measure_drive(arguments, parameters, report)
         if "f" in arguments.only:
             _measure_consistency(arguments, parameters, report)
@@ -173,10 +175,20 @@ def _measure_drive(
             report["disparity_errors"] = disparity_errors(
                 drive, parameters.slam, parameters.prediction
             )
-        if "e" not in arguments.only:
-            return
+        if set("eh") & set(arguments.only) and reference is None:
+            report["notes"].append("e and h need --reference for their errors: left out")
         if reference is None:
-            report["notes"].append("peers need --reference for their errors: left out")
+            return
+        if "h" in arguments.only:
+            report["retraced"] = retrace(
+                drive,
+                reference,
+                parameters.slam,
+                parameters.prediction,
+                range(min(arguments.seeds, 2) if arguments.quick else arguments.seeds),
+                on_progress=lambda what: _say(f"h: {what}"),
+            )
+        if "e" not in arguments.only:
             return
         if not gtsam_is_installed():
             report["notes"].append("GTSAM is not installed: pip install gtsam to have the peers")
@@ -230,7 +242,7 @@ def _parser() -> argparse.ArgumentParser:
     add: Callable[..., Any] = parser.add_argument
     add("--only", type=_sections, default=set(SECTIONS), metavar="a,c", help="these sections")
     add("--quick", action="store_true", help="fewer repeats and sizes, to see that all works")
-    add("--data", type=Path, metavar="FILE", help="dataset or bag of d, e and g")
+    add("--data", type=Path, metavar="FILE", help="dataset or bag of d, e, g and h")
     add("--reference", type=Path, metavar="REF.tum", help="its reference, if not beside it")
     add(
         "--peer-steps",
@@ -239,7 +251,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="first steps of the drive with which e runs every peer (1000); a few run whole",
     )
-    add("--seeds", type=int, default=20, metavar="N", help="drives of each kind, for f (20)")
+    add("--seeds", type=int, default=20, metavar="N", help="drives of each kind, for f and h (20)")
     add("--params", type=Path, metavar="FILE", help="ROS parameter file (config/ekf.yaml)")
     add("--estimator", choices=ESTIMATORS)
     add("--out", type=Path, default=Path("bench.json"), metavar="FILE", help="(bench.json)")

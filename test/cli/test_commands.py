@@ -53,6 +53,19 @@ def test_equal_seeds_simulate_equal_files(tmp_path):
     assert len(read_tum(tmp_path / "one.tum")) == 20
 
 
+def test_a_drive_is_simulated_along_a_reference_to_its_end(tmp_path, capsys):
+    first, again = tmp_path / "first.npz", tmp_path / "again.npz"
+    simulate = ["simulate", "--landmarks", "60", "--steps", "20"]
+    assert main([*simulate, str(first)]) == 0
+    along = ["--along", str(tmp_path / "first.tum")]
+    assert main(["simulate", "--landmarks", "60", "--seed", "3", *along, str(again)]) == 0
+    one, other = (read_tum(path.with_suffix(".tum")) for path in (first, again))
+    np.testing.assert_array_equal(one.stamps, other.stamps)
+    np.testing.assert_allclose(one.T_world_body, other.T_world_body, atol=1e-12)
+    line = error_line(capsys, "simulate", tmp_path / "x.npz", "--steps", "21", *along)
+    assert "21 steps" in line
+
+
 def test_the_bag_is_whole_and_a_flipped_bit_is_found(bag, tmp_path, capsys):
     assert main(["verify", str(bag)]) == 0
     damaged = tmp_path / "damaged"

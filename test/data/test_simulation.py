@@ -13,7 +13,7 @@ from vislam_ros.data.dataset import load_dataset
 from vislam_ros.data.simulated_file import write_simulated
 from vislam_ros.data.simulated_motion import drive_poses
 from vislam_ros.data.simulation import SimulationSettings, simulate
-from vislam_ros.data.trajectory import read_tum
+from vislam_ros.data.trajectory import Trajectory, read_tum
 from vislam_ros.errors import SettingsError, VislamError
 
 SMALL = SimulationSettings(steps=80, landmarks=300)
@@ -105,6 +105,25 @@ def test_a_drive_starts_at_the_origin_on_rigid_poses():
     np.testing.assert_allclose(
         R @ np.swapaxes(R, 1, 2), np.tile(np.eye(3), (300, 1, 1)), atol=1e-12
     )
+
+
+def test_a_drive_goes_along_a_recorded_motion_from_where_that_begins():
+    recorded = simulate(dataclasses.replace(EXACT, seed=5)).drive.ground_truth
+    later = Trajectory(recorded.stamps[20:], recorded.positions[20:], recorded.quaternions[20:])
+    simulated = simulate(dataclasses.replace(EXACT, steps=50), later)
+    np.testing.assert_allclose(simulated.drive.feature_stamps, later.stamps[:50], atol=200)
+    T = recorded.T_world_body
+    np.testing.assert_allclose(
+        simulated.T_world_body, se3.inverse(T[20]) @ T[20:70], rtol=0, atol=1e-12
+    )
+    errors, _, _ = residuals(simulated, 0)
+    assert np.abs(errors).max() < 1e-3
+
+
+def test_a_recorded_motion_that_ends_too_early_is_refused():
+    recorded = simulate(dataclasses.replace(EXACT, steps=30, landmarks=30)).drive.ground_truth
+    with pytest.raises(VislamError, match="30 poses has no 80 steps"):
+        simulate(EXACT, recorded)
 
 
 @pytest.mark.parametrize("settings", [SMALL, FROZEN], ids=["smooth", "frozen"])

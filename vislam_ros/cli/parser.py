@@ -79,9 +79,16 @@ def _add_simulate(commands: _Commands) -> None:
         """\
   vislam simulate drive.npz
   vislam simulate hard.npz --steps 500 --outliers 0.05 --frozen 0.1 --gyro-bias -0.01 -0.01 -0.01
+  vislam simulate again.npz --along reference.tum --landmarks 4000
 """,
     )
     parser.add_argument("output", metavar="OUT.npz", type=Path, help="OUT.tum is written, too")
+    parser.add_argument(
+        "--along",
+        type=Path,
+        metavar="REF.tum",
+        help="drive along these poses of a body (x forward), at their times, to their end",
+    )
     # What is not given is left to the simulation's own defaults, which the texts repeat.
     for flag, name, kind, metavar, text in (
         ("--steps", "steps", _whole(2), "N", "feature frames, ten a second (600)"),

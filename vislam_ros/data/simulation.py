@@ -23,6 +23,7 @@ from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulated_motion import drive_poses
 from vislam_ros.data.sparse_features import image_size_that_holds
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
+from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 
@@ -132,14 +133,30 @@ class SimulatedDrive:
     landmarks: SimulatedLandmarks
 
 
-def simulate(settings: SimulationSettings) -> SimulatedDrive:
-    """Simulate a drive; equal settings give equal drives, to the last bit."""
+def simulate(settings: SimulationSettings, along: Trajectory | None = None) -> SimulatedDrive:
+    """Simulate a drive; equal settings give equal drives, to the last bit.
+
+    Parameters
+    ----------
+    settings : SimulationSettings
+    along : Trajectory, optional
+        A recorded motion of a body like KITTI's, whose first poses and stamps are taken in place
+        of the simulated car's.
+
+    Raises
+    ------
+    VislamError
+        Where that has fewer poses than there are to be steps.
+    """
     motion_rng, twist_rng, schedule_rng, track_rng, offset_rng = map(
         np.random.default_rng, np.random.SeedSequence(settings.seed).spawn(5)
     )
-    seconds: Array = _FIRST_SECOND + _PERIOD * np.arange(settings.steps, dtype=np.float64)
+    if along is None:
+        seconds: Array = _FIRST_SECOND + _PERIOD * np.arange(settings.steps, dtype=np.float64)
+        T_world_body = drive_poses(settings.steps, _PERIOD, motion_rng)
+    else:
+        seconds, T_world_body = _recorded(along, settings.steps)
     stamps = nanoseconds(seconds)
-    T_world_body = drive_poses(settings.steps, _PERIOD, motion_rng)
     tau = np.diff(stamps) / NANOSECONDS
     twists = se3.log(se3.inverse(T_world_body[:-1]) @ T_world_body[1:]) / tau[:, None]
     true_twists = np.concatenate([twists[:1], twists])
@@ -168,6 +185,18 @@ def simulate(settings: SimulationSettings) -> SimulatedDrive:
         ground_truth=Trajectory.from_matrices(stamps, T_world_body),
     )
     return SimulatedDrive(drive, seconds, T_world_body, true_twists, frozen, tracker.landmarks())
+
+
+def _recorded(along: Trajectory, steps: int) -> tuple[Array, Array]:
+    """Seconds (n,) and poses (n, 4, 4), in the first one's frame, of a recorded motion."""
+    if steps > len(along):
+        raise VislamError(
+            f"along: a motion of {len(along)} poses has no {steps} steps: take fewer"
+        )
+    T = along.T_world_body[:steps]
+    T_first_body = se3.inverse(T[0]) @ T
+    T_first_body[0] = np.eye(4)
+    return along.stamps[:steps] / NANOSECONDS, T_first_body
 
 
 def _measured(twists: Array, settings: SimulationSettings, rng: np.random.Generator) -> Array:

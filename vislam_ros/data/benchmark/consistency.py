@@ -217,7 +217,7 @@ def summary(drives: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "name": name,
                 "drives": len(drives),
                 "nees": float(np.mean(nees)),
-                "nees_std_error": _std_error(nees),
+                "nees_std_error": std_error(nees),
                 "ate_m": float(np.mean(ate)),
                 "dead_reckoning_m": reckoned,
                 "batch_m": batch,
@@ -239,7 +239,7 @@ def spread(disparities: Array) -> dict[str, float]:
     }
 
 
-def _std_error(values: Array) -> float | None:
+def std_error(values: Array) -> float | None:
     """Standard error of the mean; None of a single value."""
     return float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
 

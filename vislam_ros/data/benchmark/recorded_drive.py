@@ -104,22 +104,28 @@ def white_twist_noise(drive: Drive) -> tuple[float, float]:
     return float(std[:3].min()), float(std[3:].min())
 
 
-def given_gyro_bias(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:
-    """Bias (3,) that the angular velocities have on average against a reference, rad/s.
+def twist_errors(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:
+    """Measured twists (n, 6) less those of a reference, metres and radians a second.
 
     Parameters
     ----------
     drive : Drive
         With a twist at each pose of the reference.
     reference : Trajectory
+        A step counts where it has the poses at both its ends.
     """
     rows, twists = associate(reference, _twist_times(drive))
     consecutive = np.flatnonzero((np.diff(rows) == 1) & (np.diff(twists) == 1))
     i, k = rows[consecutive], twists[consecutive]
-    R = reference.T_world_body[:, :3, :3]
-    turned = se3.log_rotation(np.swapaxes(R[i], -1, -2) @ R[i + 1])
+    T = reference.T_world_body
     tau = np.diff(drive.twist_stamps)[k] / NANOSECONDS
-    return np.asarray(np.mean(drive.twists[k + 1, 3:] - turned / tau[:, None], axis=0))
+    moved = se3.log(se3.inverse(T[i]) @ T[i + 1]) / tau[:, None]
+    return np.asarray(drive.twists[k + 1] - moved)
+
+
+def given_gyro_bias(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:
+    """Bias (3,) that the angular velocities have on average against a reference, rad/s."""
+    return np.asarray(np.mean(twist_errors(drive, reference)[:, 3:], axis=0))
 
 
 def _twist_times(drive: Drive) -> Trajectory:

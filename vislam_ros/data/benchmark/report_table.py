@@ -111,6 +111,20 @@ _TABLES: dict[str, tuple[str, _Columns]] = {
             ("later_px", "in five [px]", "{:.2f}"),
         ),
     ),
+    "retraced": (
+        "Consistency along the drive's reference, means over the seeds",
+        (
+            ("name", "", "{}"),
+            ("drives", "drives", "{}"),
+            ("nees", "NEES/6", "{:.2f}"),
+            ("nees_std_error", "+-", "{:.2f}"),
+            ("nees_least", "least", "{:.2f}"),
+            ("nees_greatest", "greatest", "{:.2f}"),
+            ("ate_m", "ATE [m]", "{:.2f}"),
+            ("ate_least_m", "least", "{:.2f}"),
+            ("ate_greatest_m", "greatest", "{:.2f}"),
+        ),
+    ),
     "peers": ("On the same tracks, the whole drive", _PEERS),
     "peers_first_steps": ("On the same tracks, first steps: every peer", _PEERS),
 }
