@@ -10,7 +10,7 @@ from vislam_ros.core.motion_noise import MotionNoise
 Array = NDArray[np.float64]
 
 TWIST = np.repeat([0.5, 0.05], 3)
-WALK = np.repeat([0.31, 0.034], 3)
+WALK = np.repeat([0.31, 0.05], 3)
 
 
 @pytest.mark.parametrize("tau", [0.1, 0.05])

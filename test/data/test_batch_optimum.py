@@ -15,7 +15,7 @@ from vislam_ros.data.benchmark.recorded_drive import record
 from vislam_ros.data.simulation import SimulationSettings, simulate
 
 BIAS = (0.01, -0.02, 0.03)
-WALK_STD = np.repeat([0.31, 0.034], 3)
+WALK_STD = np.repeat([0.31, 0.05], 3)
 
 
 def recorded_problem(steps, landmarks, **settings):

@@ -110,7 +110,7 @@ class SlamSettings(MotionSettings):
         minimum=0.0,
     )
     angular_velocity_walk_std: float = setting(
-        0.034,
+        0.05,
         "Random walk of the angular velocity on each axis [rad/s/sqrt(s)]; estimator robocentric",
         minimum=0.0,
     )
