@@ -29,6 +29,14 @@ def test_it_is_the_projection_of_the_moved_point(motion):
     assert_allclose(warp(CAMERA, POINTS, motion).y, CAMERA.warp(POINTS, T_new_old), rtol=1e-12)
 
 
+def test_points_with_motions_of_their_own_are_warped_as_one_by_one(motion):
+    motions = np.array([se3.exp(share * se3.log(motion)) for share in np.linspace(0, 1, 8)])
+    together = warp(CAMERA, POINTS, motions)
+    for i, alone in enumerate(warp(CAMERA, POINTS, each) for each in motions):
+        for name, values in vars(together).items():
+            assert_allclose(values[i], getattr(alone, name)[i], rtol=1e-12, atol=1e-12)
+
+
 def test_its_derivative_by_the_point_is_the_finite_difference(motion):
     F_y = warp(CAMERA, POINTS, motion).F_y
     for y, F in zip(POINTS, F_y, strict=True):

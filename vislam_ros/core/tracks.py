@@ -130,9 +130,9 @@ class Tracks:
         fresh = (keys == NO_KEY) | copied
         keys[fresh] = self._new_keys(ids[fresh])
 
+        self._unseen += 1
         missing = np.flatnonzero(~found)
-        unseen = self._unseen[missing] + 1
-        lost = unseen >= self._retire_after
+        lost = self._unseen[missing] >= self._retire_after
         ended.append(self._keys[missing[lost]])
         self._store(ids, keys, pixels, missing[~lost])
         all_ended = np.concatenate(ended)
@@ -163,7 +163,7 @@ class Tracks:
             ids = np.concatenate([ids, self._ids[waiting]])
             keys = np.concatenate([keys, self._keys[waiting]])
             pixels = np.concatenate([pixels, self._pixels[waiting]])
-            unseen = np.concatenate([unseen, self._unseen[waiting] + 1])
+            unseen = np.concatenate([unseen, self._unseen[waiting]])
             order = np.argsort(ids)
             ids, keys, pixels, unseen = ids[order], keys[order], pixels[order], unseen[order]
         self._ids, self._keys, self._pixels, self._unseen = ids, keys, pixels, unseen

@@ -55,10 +55,11 @@ def warp(camera: StereoCamera, y: Array, T_old_new: Array) -> Warp:
     camera : StereoCamera
     y : ndarray, (n, 3)
         ``(u_left, u_right, v)``, pixels.
-    T_old_new : ndarray, (4, 4)
-        The body's new pose in its old frame.
+    T_old_new : ndarray, (4, 4) or (n, 4, 4)
+        The body's new pose in its old frame, one for all points or one for each.
     """
     T = camera.T_camera_body @ se3.inverse(T_old_new) @ camera.T_body_camera
+    T = T.reshape(-1, 4, 4)
     Ad = camera.camera_from_body_twist
     return Warp(*_warped(y, T, Ad, camera.fx, camera.fy, camera.cx, camera.cy, camera.fx_baseline))
 
@@ -77,24 +78,37 @@ def _can_be_seen(moved: Array, shift: float) -> bool:
 
 @compiled(
     "Tuple((float64[:, ::1], float64[:, :, ::1], float64[:, :, ::1], boolean[::1]))"
-    "(float64[:, :], float64[:, ::1], float64[:, ::1], float64, float64, float64, float64,"
+    "(float64[:, :], float64[:, :, ::1], float64[:, ::1], float64, float64, float64, float64,"
     " float64)"
 )
 def _warped(
-    points: Array, T: Array, Ad: Array, fx: float, fy: float, cx: float, cy: float, fxb: float
+    points: Array,
+    motions: Array,
+    Ad: Array,
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    fxb: float,
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Warp points by the motion T of the left camera; Ad brings a body twist into its axes."""
+    """Warp points by motions (1 or n, 4, 4) of the left camera.
+
+    Ad brings a body twist into its axes.
+    """
     n = len(points)
     y, F_y, G = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3, 6))
     ahead = np.empty(n, dtype=np.bool_)
     moved, J, by_twist = np.empty(3), np.zeros((3, 3)), np.empty(6)
     # Of the moved ray by (u_left, u_right, v).
     by_point = np.empty((3, 3))
-    for k in range(3):
-        by_point[k, 0] = T[k, 0] / fx + T[k, 3] / fxb
-        by_point[k, 1] = -T[k, 3] / fxb
-        by_point[k, 2] = T[k, 1] / fy
+    T = motions[0]
     for i in range(n):
+        if i < len(motions):
+            T = motions[i]
+            for k in range(3):
+                by_point[k, 0] = T[k, 0] / fx + T[k, 3] / fxb
+                by_point[k, 1] = -T[k, 3] / fxb
+                by_point[k, 2] = T[k, 1] / fy
         x, row = (points[i, 0] - cx) / fx, (points[i, 2] - cy) / fy
         inverse_depth = (points[i, 0] - points[i, 1]) / fxb
         for k in range(3):

@@ -23,7 +23,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from vislam_ros.core import se3
-from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.warp import warp
 from vislam_ros.data.benchmark.peer_problem import PeerProblem
 
 Array = NDArray[np.float64]
@@ -31,8 +31,6 @@ Array = NDArray[np.float64]
 # Huber's threshold on the length of an observation's residual in standard deviations. Of normal
 # ones with three components, three in a hundred are longer.
 _HUBER = 3.0
-# A point whose depth shrinks to less than this share of its first one counts as passed.
-_MIN_DEPTH_RATIO = 0.05
 # A step that raises the cost is halved this often.
 _HALVINGS = 10
 
@@ -185,19 +183,17 @@ class BatchProblem:
         """Observations against a state, with derivatives."""
         problem = self._problem
         T_first_now = self._motions(state)
-        y, by_point, by_pose, ahead = _warp_each(
-            problem.camera, state.image_points[self.landmark_of], T_first_now
-        )
-        residual = (self._observed - y) / problem.pixel_std
+        seen = warp(problem.camera, state.image_points[self.landmark_of], T_first_now)
+        residual = (self._observed - seen.y) / problem.pixel_std
         length = np.sqrt(np.sum(residual**2, axis=1))
-        by_anchor = -by_pose @ se3.adjoint(se3.inverse(T_first_now))
         # Where a landmark was first seen it does not depend on the pose.
-        by_pose[~self._again] = by_anchor[~self._again] = 0.0
+        by_pose = np.where(self._again[:, None, None], seen.G, 0.0)
+        by_anchor = -by_pose @ se3.adjoint(se3.inverse(T_first_now))
         scale = problem.pixel_std[:, None]
         return Residuals(
             residual=residual,
-            weight=ahead * np.minimum(1.0, _HUBER / np.maximum(length, _HUBER)),
-            by_point=by_point / scale,
+            weight=seen.ahead * np.minimum(1.0, _HUBER / np.maximum(length, _HUBER)),
+            by_point=seen.F_y / scale,
             by_pose=by_pose / scale,
             by_anchor=by_anchor / scale,
         )
@@ -347,39 +343,3 @@ def _side_by_side(blocks: Array, places: NDArray[np.int64]) -> Array:
     result = np.zeros((rows, int(places[-1]) + 1, 6))
     result[:, places] = np.swapaxes(blocks, 0, 1)
     return result.reshape(rows, -1)
-
-
-def _warp_each(
-    camera: StereoCamera, y: Array, T_old_new: Array
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Warp image points (n, 3), each by its own motion (n, 4, 4).
-
-    As :func:`vislam_ros.core.warp.warp` does by one motion, through a lens without distortion;
-    returns its ``y``, ``F_y``, ``G`` and ``ahead``.
-    """
-    T = camera.T_camera_body @ se3.inverse(T_old_new) @ camera.T_body_camera
-    R, t = T[:, :3, :3], T[:, :3, 3]
-    fx, fy, fxb = camera.fx, camera.fy, camera.fx_baseline
-    ray, inverse_depth = camera.rays(y)
-    moved = (R @ ray[..., None])[..., 0] + inverse_depth[:, None] * t
-    ahead = moved[:, 2] > _MIN_DEPTH_RATIO
-    moved[~ahead] = (0.0, 0.0, 1.0)
-    w = 1.0 / moved[:, 2]
-    y_new = np.empty_like(y)
-    y_new[:, 0] = fx * moved[:, 0] * w + camera.cx
-    y_new[:, 1] = y_new[:, 0] - fxb * inverse_depth * w
-    y_new[:, 2] = fy * moved[:, 1] * w + camera.cy
-    J = np.zeros((len(y), 3, 3))
-    J[:, 0, 0] = J[:, 1, 0] = fx * w
-    J[:, 0, 2] = -(y_new[:, 0] - camera.cx) * w
-    J[:, 1, 2] = -(y_new[:, 1] - camera.cx) * w
-    J[:, 2, 1] = fy * w
-    J[:, 2, 2] = -(y_new[:, 2] - camera.cy) * w
-    by_y = np.stack([R[:, :, 0] / fx + t / fxb, -t / fxb, R[:, :, 1] / fy], axis=-1)
-    F_y = J @ by_y
-    F_y[:, 1, 0] -= w
-    F_y[:, 1, 1] += w
-    by_motion = np.empty((len(y), 3, 6))
-    by_motion[:, :, :3] = -inverse_depth[:, None, None] * np.eye(3)
-    by_motion[:, :, 3:] = se3.hat(moved)
-    return y_new, F_y, J @ by_motion @ se3.adjoint(camera.T_camera_body), ahead

@@ -95,12 +95,12 @@ def _errors(camera: StereoCamera, poses: Array, y: Array) -> Array | None:
     by_point = np.array([1.0, -1.0, 0.0])
     point = y[0]
     for _ in range(_ITERATIONS):
-        warped = [warp(camera, point[None], motion) for motion in motions]
-        if not all(each.ahead[0] for each in warped):
+        warped = warp(camera, np.tile(point, (len(motions), 1)), motions)
+        if not warped.ahead.all():
             return None
-        expected = np.array([each.y[0] for each in warped])
+        expected = warped.y
         left = (y - expected)[:, _LEFT]
-        rows = np.array([each.F_y[0] for each in warped])[:, _LEFT].reshape(-1, 3)
+        rows = warped.F_y[:, _LEFT].reshape(-1, 3)
         J = np.concatenate([rows, _WEAK * by_point[None]])
         r = np.append(left.ravel(), _WEAK * by_point @ (y[0] - point))
         point = point + np.linalg.lstsq(J, r, rcond=None)[0]
