@@ -228,7 +228,9 @@ class DenseRobocentricFilter:
             straight[0, 7] = straight[1, 8] = 1.0
             H = np.concatenate([H, straight])
             measured = np.append(measured, [0.0, 0.0])
-            variances = np.append(variances, np.full(2, settings.slip_std**2 / tau))
+            # A place so far ahead of the origin moves sideways and up by omega x r.
+            sway = np.cross(self.estimate[TWIST][3:], [settings.axle_distance, 0.0, 0.0])[1:]
+            variances = np.append(variances, settings.slip_std**2 / tau + sway**2)
         self.update(H, np.diag(variances), measured - H @ self.estimate)
         return before
 

@@ -287,6 +287,17 @@ def test_a_velocity_measured_in_a_wrong_direction_is_found_out() -> None:
     assert errors[0] < 0.5 * errors[1]
 
 
+def test_a_turning_body_may_sway_where_its_origin_is_not_on_the_axle() -> None:
+    # The origin is 2 m ahead of the axle, and the vehicle turns by 0.4 rad/s.
+    turning = np.array([8.0, 0.8, 0.0, 0.0, 0.0, 0.4])
+    filters = [RobocentricFilter(SlamSettings(axle_distance=d), CAMERA) for d in (2.0, 0.0)]
+    for filter_ in filters:
+        for _ in range(20):
+            filter_.step(increment(turning), frame(np.arange(0), np.empty((0, 4))))
+    errors = [abs(filter_.twist[1] - 0.8) for filter_ in filters]
+    assert errors[0] < 0.85 * errors[1]
+
+
 def test_a_vehicle_that_nobody_sees_goes_where_it_points() -> None:
     sideways = FORWARD + np.array([0, 0.3, 0, 0, 0, 0])
     filters = [RobocentricFilter(SlamSettings(slip_std=s), CAMERA) for s in (0.25, 0.0)]

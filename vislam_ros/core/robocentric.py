@@ -19,7 +19,8 @@ One step from stamp k - 1 to k, of tau seconds:
    of this step.
 2. The prediction's mean twist over this step measures it: ``z = [v + b_v; omega + b_g] + n``. The
    velocity's direction is off by a slow error on real vehicles (b_v, sideways and upwards: on
-   KITTI-360 by up to 5 degrees), and a vehicle goes where it points but for some slip.
+   KITTI-360 by up to 5 degrees), and a vehicle goes where it points but for some slip, the more
+   where it turns and the body's origin is not on the axle that follows.
 3. The body moves, ``T <- T Exp(tau u)``, and every landmark is warped by the same motion. No noise
    enters here: all of it is in u, whose correlation with pose and landmarks is kept.
 4. The frame's image points correct everything.
@@ -87,6 +88,8 @@ _PLACING = np.array([0, 1, 2, 3, 4, 5, _LENS])
 
 # The velocity's components, and the twist's, that are zero where a vehicle goes where it points.
 _ASIDE, _TWIST_ASIDE = slice(1, 3), slice(7, 9)
+# The turn rates that sway a place ahead of the origin sideways and up: yaw and pitch.
+_SWAYING = np.array([5, 4])
 
 # Before the first motion nothing is known of the twist but that it is a vehicle's.
 _FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
@@ -250,6 +253,7 @@ class RobocentricFilter:
         H = self._H_twist
         R, residual = np.empty(len(H)), np.empty(len(H))
         R[:6], R[6:] = self._motion_noise.twist_variance, settings.slip_std**2 / tau
+        R[6:] += np.square(settings.axle_distance * self.twist[_SWAYING])[: len(H) - 6]
         residual[:6] = self._twist_error(measured)
         residual[6:] = -self.twist[_ASIDE][: len(H) - 6]
         Y, whitened_residual = whitened(P, H, R, residual)

@@ -142,6 +142,12 @@ class SlamSettings(MotionSettings):
         "for bodies that move in any direction; estimator robocentric",
         minimum=0.0,
     )
+    axle_distance: float = setting(
+        2.0,
+        "How far from the body's origin, ahead or behind, the axle may be that does not slip [m]; "
+        "turning sways the origin by as much times the turn rate; estimator robocentric",
+        minimum=0.0,
+    )
     learn_noise: bool = setting(
         True,
         "Learn the noise of the tracks and the twist's random walk as the filter goes; what is "
