@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
+from vislam_ros.core.twist_noise import white_noise_levels
 from vislam_ros.data.benchmark.dense_filter import DenseFilter
 from vislam_ros.data.benchmark.drive_times import solve_as_command, solve_here
 from vislam_ros.data.benchmark.interleaving import interleave
@@ -18,7 +19,6 @@ from vislam_ros.data.benchmark.recorded_drive import (
     first_steps,
     given_gyro_bias,
     record,
-    white_twist_noise,
 )
 from vislam_ros.data.benchmark.steady_session import SteadySession
 from vislam_ros.data.simulated_file import write_simulated
@@ -109,7 +109,7 @@ def test_noise_and_bias_are_read_off_a_drive():
         gyro_bias=(0.01, 0.02, 0.03),
     )
     drive = simulate(simulation).drive
-    velocity, angular = white_twist_noise(drive)
+    velocity, angular = white_noise_levels(drive.twists)
     assert velocity == pytest.approx(0.5, rel=0.15)
     assert angular == pytest.approx(0.05, rel=0.15)
     assert given_gyro_bias(drive, drive.ground_truth) == pytest.approx(

@@ -9,10 +9,11 @@ import pytest
 
 from vislam_ros.core.camera import StereoCamera
 from vislam_ros.data.conventions import (
+    AS_FOUND,
+    Conventions,
     extrinsics_frame,
     reprojection_errors,
     settle_conventions,
-    step_pairs,
 )
 from vislam_ros.data.dataset import load_dataset
 from vislam_ros.data.simulation import (
@@ -22,9 +23,12 @@ from vislam_ros.data.simulation import (
     SimulationSettings,
     simulate,
 )
+from vislam_ros.data.step_pairs import step_pairs
 from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.twist_origin import misplaced_imu
 from vislam_ros.errors import VislamError
 
+AS_GIVEN = Conventions("as-given", "end", "body")
 HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 TURNED = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 
@@ -84,12 +88,12 @@ def unchanged(drive):
 @pytest.mark.parametrize("extrinsics", [unchanged, with_frd_extrinsics])
 def test_every_mixture_is_found_and_mended(drive, extrinsics, twists, at_start):
     given = at_start(twists(extrinsics(drive)))
-    settled = settle_conventions(given, imu_frame="auto", twist_index="auto")
+    settled = settle_conventions(given, AS_FOUND)
     assert_settled(settled, drive)
 
     frame = "flu" if twists is unchanged else "frd"
     index = "end" if at_start is unchanged else "start"
-    told = settle_conventions(given, imu_frame=frame, twist_index=index)
+    told = settle_conventions(given, Conventions(frame, index))
     assert_settled(told, drive)
     assert settled.notes[:-1] == told.notes
     assert "px" in settled.notes[-1]
@@ -99,24 +103,26 @@ def test_every_mixture_is_found_and_mended(drive, extrinsics, twists, at_start):
 def test_a_drive_in_the_convention_is_left_alone(drive):
     for imu_frame in ("auto", "flu", "as-given"):
         for twist_index in ("auto", "end"):
-            settled = settle_conventions(drive, imu_frame=imu_frame, twist_index=twist_index)
+            settled = settle_conventions(drive, Conventions(imu_frame, twist_index))
             assert settled.camera == drive.camera
             np.testing.assert_array_equal(settled.twists, drive.twists)
 
 
 def test_as_given_touches_neither_axes(drive):
     given = with_frd_extrinsics(with_twists_at_the_start(drive))
-    settled = settle_conventions(given, imu_frame="as-given", twist_index="end")
+    settled = settle_conventions(given, AS_GIVEN)
     assert settled is given
-    settled = settle_conventions(given, imu_frame="as-given", twist_index="auto")
+    settled = settle_conventions(given, Conventions("as-given", "auto"))
     assert settled.camera == given.camera
 
 
-def test_an_unknown_choice_is_refused(drive):
+def test_an_unknown_choice_is_refused():
     with pytest.raises(VislamError, match="imu_frame is 'ned': choose one of auto, flu"):
-        settle_conventions(drive, imu_frame="ned", twist_index="auto")
+        Conventions(imu_frame="ned")
     with pytest.raises(VislamError, match="twist_index is 'middle'"):
-        settle_conventions(drive, imu_frame="auto", twist_index="middle")
+        Conventions(twist_index="middle")
+    with pytest.raises(VislamError, match="twist_origin is 'lidar'"):
+        Conventions(twist_origin="lidar")
 
 
 @pytest.mark.parametrize("frames", [0, 1, 2])
@@ -133,7 +139,7 @@ def test_too_little_to_judge_is_taken_as_given(drive, frames):
             pixels=drive.pixels[:count],
         )
     )
-    settled = settle_conventions(given, imu_frame="auto", twist_index="auto")
+    settled = settle_conventions(given, AS_FOUND)
     assert settled.camera == given.camera
     np.testing.assert_array_equal(settled.twists, given.twists)
     assert "Too few landmarks" in settled.notes[-1]
@@ -141,7 +147,7 @@ def test_too_little_to_judge_is_taken_as_given(drive, frames):
 
 def test_turning_axes_loses_no_digit(drive):
     frd = with_frd_extrinsics(drive)
-    once = settle_conventions(frd, imu_frame="flu", twist_index="end").camera
+    once = settle_conventions(frd, Conventions("flu", "end")).camera
     assert extrinsics_frame(frd.camera) == "frd"
     assert extrinsics_frame(once) == "flu"
     assert sorted(np.abs(once.quaternion_body_camera)) == sorted(
@@ -185,7 +191,7 @@ def test_frozen_steps_are_not_looked_at(drive):
 @pytest.mark.parametrize("name", ["03", "10_synthetic"])
 def test_drives_with_mixed_axes_are_mended(shared_data, name):
     drive = load_dataset(shared_data / f"{name}.npz")
-    given = load_dataset(shared_data / f"{name}.npz", imu_frame="as-given", twist_index="end")
+    given = load_dataset(shared_data / f"{name}.npz", conventions=AS_GIVEN)
     assert extrinsics_frame(given.camera) == "frd"
     assert extrinsics_frame(drive.camera) == "flu"
     np.testing.assert_array_equal(drive.twists, given.twists)
@@ -196,12 +202,19 @@ def test_drives_with_mixed_axes_are_mended(shared_data, name):
 
 
 @pytest.mark.parametrize("name", ["0027", "0022", "0020"])
-def test_consistent_drives_are_left_alone(shared_data, name):
+def test_kittis_twists_are_moved_to_the_body_that_the_extrinsics_describe(shared_data, name):
     drive = load_dataset(shared_data / f"{name}.npz")
-    given = load_dataset(shared_data / f"{name}.npz", imu_frame="as-given", twist_index="end")
+    given = load_dataset(shared_data / f"{name}.npz", conventions=AS_GIVEN)
     assert drive.camera == given.camera
-    np.testing.assert_array_equal(drive.twists, given.twists)
-    assert len(drive.notes) == 1
+    np.testing.assert_array_equal(drive.twists[:, 3:], given.twists[:, 3:])
+    imu = misplaced_imu(given.camera)
+    np.testing.assert_allclose(
+        given.twists[:, :3], drive.twists[:, :3] + np.cross(drive.twists[:, 3:], imu), atol=1e-12
+    )
+    # KITTI's left camera is 1.1 m ahead of its IMU, 0.3 m to its right and 0.7 m above it.
+    camera = given.camera.T_body_camera[:3, 3] - imu
+    np.testing.assert_allclose(camera, [1.1, -0.3, 0.7], atol=0.1)
+    assert len(drive.notes) == 2
 
 
 @pytest.mark.parametrize("name", ["03", "0027", "0022", "0020"])
@@ -209,6 +222,6 @@ def test_the_twist_at_the_end_of_a_step_fits_best(shared_data, name):
     path = shared_data / f"{name}.npz"
     medians = {}
     for index in ("end", "start"):
-        drive = load_dataset(path, imu_frame="flu", twist_index=index)
+        drive = load_dataset(path, conventions=Conventions("flu", index))
         medians[index] = np.median(reprojection_errors(drive, step_pairs(drive)))
     assert medians["end"] < medians["start"]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from vislam_ros.data.bag_reader import read_drive
+from vislam_ros.data.conventions import Conventions
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.integrity import file_sha256, require_intact
@@ -52,8 +53,11 @@ def same(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
+AS_GIVEN = Conventions("as-given", "end", "body")
+
+
 def load(path: Path) -> Drive:
-    return load_drive(path, imu_frame="as-given", twist_index="end")
+    return load_drive(path, conventions=AS_GIVEN)
 
 
 def test_a_dataset_and_its_bag_are_the_same_drive(dataset, tmp_path):
@@ -61,8 +65,7 @@ def test_a_dataset_and_its_bag_are_the_same_drive(dataset, tmp_path):
     written = convert(
         dataset,
         tmp_path / "bag",
-        imu_frame="as-given",
-        twist_index="end",
+        conventions=AS_GIVEN,
         progress=shares.append,
     )
     assert shares == sorted(shares)
@@ -71,7 +74,11 @@ def test_a_dataset_and_its_bag_are_the_same_drive(dataset, tmp_path):
     assert same(load(tmp_path / "bag"), written)
     provenance = json.loads((tmp_path / "bag" / "provenance.json").read_text())
     assert provenance["source"] == {"name": dataset.name, "sha256": file_sha256(dataset)}
-    assert provenance["settings"] == {"imu_frame": "as-given", "twist_index": "end"}
+    assert provenance["settings"] == {
+        "imu_frame": "as-given",
+        "twist_index": "end",
+        "twist_origin": "body",
+    }
 
 
 def test_a_reference_becomes_the_ground_truth_of_the_drives_time(dataset, tmp_path):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from vislam_ros.core import se3
+from vislam_ros.data.conventions import Conventions
 from vislam_ros.data.dataset import load_dataset, nanoseconds
 from vislam_ros.errors import VislamError
 
@@ -56,7 +57,7 @@ def save(path, content):
 
 
 def load(path):
-    return load_dataset(path, imu_frame="as-given", twist_index="end")
+    return load_dataset(path, conventions=Conventions("as-given", "end", "body"))
 
 
 def assert_same_drive(a, b, *, apart_from=()):

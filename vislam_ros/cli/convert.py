@@ -5,7 +5,7 @@
 import argparse
 
 from vislam_ros.cli.exit_codes import OK
-from vislam_ros.cli.reading import print_notes
+from vislam_ros.cli.reading import conventions, print_notes
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.conversion import convert
 
@@ -16,8 +16,7 @@ def run(arguments: argparse.Namespace) -> int:
         drive = convert(
             arguments.data,
             arguments.output,
-            imu_frame=arguments.imu_frame,
-            twist_index=arguments.twist_index,
+            conventions=conventions(arguments),
             reference=arguments.reference,
             force=arguments.force,
             progress=lambda share: update(share, ""),

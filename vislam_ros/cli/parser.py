@@ -16,6 +16,7 @@ _PLAY = PlayOptions()
 # As in vislam_ros.data.conventions, which takes longer to import than --help should.
 _IMU_FRAMES = ("auto", "flu", "frd", "as-given")
 _TWIST_INDICES = ("auto", "end", "start")
+_TWIST_ORIGINS = ("auto", "body", "imu")
 
 _RETURNS = """\
 exit code: 0 on success, 1 on an error (one line on stderr; -v shows where it came from), 2 on
@@ -404,6 +405,13 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
         choices=_TWIST_INDICES,
         default="auto",
         help="whether a step has the twist of its start or its end; auto finds what fits",
+    )
+    parser.add_argument(
+        "--twist-origin",
+        choices=_TWIST_ORIGINS,
+        default="auto",
+        help="whether the twists are the body's or those of an IMU that the extrinsics misplace; "
+        "auto looks at turns",
     )
 
 

@@ -6,6 +6,7 @@ import argparse
 import sys
 
 from vislam_ros.cli.screen import progress_bar
+from vislam_ros.data.conventions import Conventions
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.loading import load_drive
 
@@ -15,12 +16,16 @@ def read_input(arguments: argparse.Namespace) -> Drive:
     with progress_bar("reading", 1.0) as update:
         drive = load_drive(
             arguments.data,
-            imu_frame=arguments.imu_frame,
-            twist_index=arguments.twist_index,
+            conventions=conventions(arguments),
             progress=lambda share: update(share, ""),
         )
     print_notes(drive)
     return drive
+
+
+def conventions(arguments: argparse.Namespace) -> Conventions:
+    """What the arguments say of the meaning of a dataset's numbers."""
+    return Conventions(arguments.imu_frame, arguments.twist_index, arguments.twist_origin)
 
 
 def print_notes(drive: Drive) -> None:

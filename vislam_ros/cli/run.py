@@ -23,7 +23,7 @@ from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.parameters import RunParameters, run_parameters, shared_file
 from vislam_ros.cli.processes import Child, Children
-from vislam_ros.cli.reading import print_notes
+from vislam_ros.cli.reading import conventions, print_notes
 from vislam_ros.cli.screen import print_summary, progress_bar
 from vislam_ros.data.bag_layout import FEATURES
 from vislam_ros.data.bag_reader import BagMessages, is_bag
@@ -116,8 +116,7 @@ def _bag(arguments: argparse.Namespace, scratch: Path) -> Path:
         drive = convert(
             arguments.data,
             bag,
-            imu_frame=arguments.imu_frame,
-            twist_index=arguments.twist_index,
+            conventions=conventions(arguments),
             progress=lambda share: update(share, ""),
         )
     print_notes(drive)

@@ -31,6 +31,18 @@ def white_noise_std(third_differences: Array) -> Array:
     return _MEDIAN_TO_STD * median / np.sqrt(_VARIANCE_RATIO)
 
 
+def white_noise_levels(twists: Array) -> tuple[float, float]:
+    """White noise of the velocities (m/s) and angular velocities (rad/s) of twists (n, 6).
+
+    Of three axes that count which the motion itself jerks least; infinite for fewer than four
+    twists.
+    """
+    if len(twists) < 4:
+        return np.inf, np.inf
+    std = white_noise_std(np.abs(np.diff(twists, 3, axis=0)))
+    return float(std[:3].min()), float(std[3:].min())
+
+
 class TwistNoise:
     """Running estimate of the standard deviation of each axis (6,) of a twist.
 

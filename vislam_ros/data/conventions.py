@@ -1,14 +1,16 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which axes a file's twists have and which step each belongs to, measured in its images.
+"""Which axes a file's twists have, which step and which point each belongs to.
 
 Files mix forward-left-up (FLU, as REP-103 wants) with forward-right-down (FRD) axes, in the twist
 or in the extrinsics, and do not say whether a twist holds before or after its time stamp. A wrong
-choice shows at once: points triangulated in one frame, moved by the twist of one step, miss where
-the next frame sees them.
+choice shows at once in the images: points triangulated in one frame, moved by the twist of one
+step, miss where the next frame sees them. And some files' twists are those of another point than
+the body that their extrinsics describe (see twist_origin).
 """
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,12 +20,20 @@ from numpy.typing import NDArray
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.step_pairs import StepPairs, step_pairs
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
+from vislam_ros.data.twist_origin import (
+    is_nearer,
+    measure_twist_origin,
+    misplaced_imu,
+    moved_to_the_body,
+)
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 IMU_FRAMES = ("auto", "flu", "frd", "as-given")
 TWIST_INDICES = ("auto", "end", "start")
+TWIST_ORIGINS = ("auto", "body", "imu")
 
 # The half turn about the forward axis that takes FLU to FRD and back.
 _HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -31,62 +41,97 @@ _HALF_TURN_TWIST = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 
 _AXES = {"flu": "forward-left-up", "frd": "forward-right-down", "as-given": "as given"}
 
-_STEPS_LOOKED_AT = 240  # about 200 once frozen ones are left out
 _MIN_RESIDUALS = 20
-_MIN_DISPARITY = 2.0  # pixels
 _MIN_DEPTH = 0.1  # metres
 # What the file says, twists at the end of their step, gives way only to a clearly smaller error.
 _CLEARLY_SMALLER = 0.9
 
 
 @dataclass(frozen=True)
-class StepPairs:
-    """Landmarks seen at both ends of a step.
+class Conventions:
+    """What a file's numbers mean; "auto" finds it in the images.
 
     Attributes
     ----------
-    steps : ndarray of int64, (n,)
-        ``k`` of the step from ``k`` to ``k + 1``.
-    y : ndarray, (n, 3)
-        ``(u_left, u_right, v)`` at ``k``, pixels.
-    left : ndarray, (n, 2)
-        ``u_left, v_left`` at ``k + 1``, pixels.
+    imu_frame : {"auto", "flu", "frd", "as-given"}
+        Axes of the twist: forward-left-up, forward-right-down, or no look at them at all.
+    twist_index : {"auto", "end", "start"}
+        Whether the step from ``k`` to ``k + 1`` has ``twist[k + 1]`` or ``twist[k]``.
+    twist_origin : {"auto", "body", "imu"}
+        Whether the twists are those of the body that the extrinsics describe, or of an IMU from
+        whose place their translation was made by turning it the wrong way (see twist_origin).
+
+    Raises
+    ------
+    VislamError
+        Where one is none of its choices.
     """
 
-    steps: NDArray[np.int64]
-    y: Array
-    left: Array
+    imu_frame: str = "auto"
+    twist_index: str = "auto"
+    twist_origin: str = "auto"
+
+    def __post_init__(self) -> None:
+        choices: dict[str, Sequence[str]] = {
+            "imu_frame": IMU_FRAMES,
+            "twist_index": TWIST_INDICES,
+            "twist_origin": TWIST_ORIGINS,
+        }
+        for what, value in vars(self).items():
+            if value not in choices[what]:
+                one_of = ", ".join(choices[what])
+                raise VislamError(f"{what} is {value!r}: choose one of {one_of}")
 
 
-def settle_conventions(drive: Drive, *, imu_frame: str, twist_index: str) -> Drive:
-    """Bring a drive as its file gives it to FLU axes and to twists at the end of their step.
+#: Whatever fits the images.
+AS_FOUND = Conventions()
+
+
+def settle_conventions(drive: Drive, conventions: Conventions) -> Drive:
+    """Bring a drive as its file gives it to FLU axes and the body's twists at their steps' ends.
 
     Parameters
     ----------
     drive : Drive
         With a twist for each feature frame, of the same stamps.
-    imu_frame : {"auto", "flu", "frd", "as-given"}
-        Axes of the twist. Extrinsics with other axes are turned to agree, then all to FLU;
-        "as-given" leaves both alone.
-    twist_index : {"auto", "end", "start"}
-        Whether the step from ``k`` to ``k + 1`` has ``twist[k + 1]`` or ``twist[k]``.
+    conventions : Conventions
+        Extrinsics with other axes than the twist's are turned to agree, then all to FLU.
 
     Returns
     -------
     Drive
         With notes on what was measured and done.
-
-    Raises
-    ------
-    VislamError
-        Where one of the two is not in :data:`IMU_FRAMES` or :data:`TWIST_INDICES`.
     """
-    for what, value, choices in (
-        ("imu_frame", imu_frame, IMU_FRAMES),
-        ("twist_index", twist_index, TWIST_INDICES),
-    ):
-        if value not in choices:
-            raise VislamError(f"{what} is {value!r}: choose one of {', '.join(choices)}")
+    settled = _settle_axes_and_steps(drive, conventions.imu_frame, conventions.twist_index)
+    return _settle_origin(settled, drive.camera, conventions.twist_origin)
+
+
+def _settle_origin(drive: Drive, camera_as_given: StereoCamera, twist_origin: str) -> Drive:
+    """Move the twists to the body where they are those of a misplaced IMU."""
+    imu = misplaced_imu(camera_as_given)
+    if drive.camera != camera_as_given:
+        imu = imu * _HALF_TURN_TWIST[:3]
+    if twist_origin == "body":
+        return drive
+    measured = ""
+    if twist_origin == "auto":
+        found = measure_twist_origin(drive)
+        if found is None or not is_nearer(found, imu):
+            return drive
+        place, std = found.place, np.sqrt(np.diag(found.covariance))
+        measured = ", by the images at " + _place(place[:2]) + " +- " + _place(std[:2])
+    return _add_note(
+        dataclasses.replace(drive, twists=moved_to_the_body(drive, imu)),
+        f"The twists are those of an IMU at {_place(imu)} m in the body that the extrinsics "
+        f"describe{measured}, whose translation was turned the wrong way: moved them to the body.",
+    )
+
+
+def _place(metres: Array) -> str:
+    return "(" + ", ".join(f"{value:.2f}" for value in metres) + ")"
+
+
+def _settle_axes_and_steps(drive: Drive, imu_frame: str, twist_index: str) -> Drive:
     own_frame = extrinsics_frame(drive.camera)
     frames = [imu_frame]
     if imu_frame == "auto":
@@ -125,28 +170,6 @@ def settle_conventions(drive: Drive, *, imu_frame: str, twist_index: str) -> Dri
 def extrinsics_frame(camera: StereoCamera) -> Literal["flu", "frd"]:
     """Axes of a body whose camera stands upright: the image's y axis points down in it."""
     return "flu" if camera.T_body_camera[2, 1] < 0 else "frd"
-
-
-def step_pairs(drive: Drive) -> StepPairs:
-    """Collect the common landmarks of evenly spaced steps that are not frozen."""
-    looked_at = np.unique(np.linspace(0, drive.steps - 2, _STEPS_LOOKED_AT).astype(int))
-    looked_at = looked_at[(looked_at >= 0) & (looked_at < drive.steps - 1)]
-    steps, y, left = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))], [np.empty((0, 2))]
-    for k in looked_at:
-        ids_before, before = drive.frame(k)
-        ids_after, after = drive.frame(k + 1)
-        _, rows_before, rows_after = np.intersect1d(
-            ids_before, ids_after, assume_unique=True, return_indices=True
-        )
-        z, z_after = before[rows_before].astype(float), after[rows_after].astype(float)
-        if 2 * np.sum(np.all(z == z_after, axis=1)) > len(z):
-            continue
-        near = z[:, 0] - z[:, 2] > _MIN_DISPARITY
-        z, z_after = z[near], z_after[near]
-        steps.append(np.full(len(z), k))
-        y.append(np.column_stack([z[:, 0], z[:, 2], (z[:, 1] + z[:, 3]) / 2]))
-        left.append(z_after[:, :2])
-    return StepPairs(np.concatenate(steps), np.concatenate(y), np.concatenate(left))
 
 
 def reprojection_errors(drive: Drive, pairs: StepPairs) -> Array:

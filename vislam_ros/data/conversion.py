@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a dataset, and a reference where there is one, to a bag."""
 
-from dataclasses import replace
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 
 from vislam_ros.data.bag_writer import check_bag_output, write_bag
+from vislam_ros.data.conventions import AS_FOUND, Conventions
 from vislam_ros.data.dataset import load_dataset
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.integrity import file_sha256
@@ -22,8 +23,7 @@ def convert(
     data: Path,
     output: Path,
     *,
-    imu_frame: str = "auto",
-    twist_index: str = "auto",
+    conventions: Conventions = AS_FOUND,
     reference: Path | None = None,
     force: bool = False,
     progress: Progress | None = None,
@@ -36,7 +36,7 @@ def convert(
         A ``.npz`` or ``.npy`` file.
     output : Path
         The bag directory to make.
-    imu_frame, twist_index : str
+    conventions : Conventions, optional
         See :func:`vislam_ros.data.dataset.load_dataset`.
     reference : Path, optional
         A TUM file that becomes the ground truth, cut to the dataset's time.
@@ -54,13 +54,12 @@ def convert(
     report = progress or (lambda _share: None)
     drive = load_dataset(
         data,
-        imu_frame=imu_frame,
-        twist_index=twist_index,
+        conventions=conventions,
         progress=lambda share: report(_LOADING_SHARE * share),
     )
-    settings: dict[str, object] = {"imu_frame": imu_frame, "twist_index": twist_index}
+    settings: dict[str, object] = dataclasses.asdict(conventions)
     if reference is not None:
-        drive = replace(drive, ground_truth=_clipped(reference, drive))
+        drive = dataclasses.replace(drive, ground_truth=_clipped(reference, drive))
         settings["reference"] = {"name": reference.name, "sha256": file_sha256(reference)}
     write_bag(
         drive,

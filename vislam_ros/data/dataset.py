@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
 from vislam_ros.data.array_stream import Arrays, ArrayStream, open_arrays
-from vislam_ros.data.conventions import settle_conventions
+from vislam_ros.data.conventions import AS_FOUND, Conventions, settle_conventions
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.sparse_features import (
     LARGEST_PIXEL,
@@ -58,8 +58,7 @@ _LATEST_SECOND = 9.2e9  # of 64-bit nanoseconds
 def load_dataset(
     path: Path,
     *,
-    imu_frame: str = "auto",
-    twist_index: str = "auto",
+    conventions: Conventions = AS_FOUND,
     progress: Progress | None = None,
 ) -> Drive:
     """Read a dataset; the dense features are streamed and never held.
@@ -68,12 +67,8 @@ def load_dataset(
     ----------
     path : Path
         An ``.npz`` or ``.npy`` file.
-    imu_frame : {"auto", "flu", "frd", "as-given"}
-        Axes of the twist: forward-left-up, forward-right-down, whichever of them fits the
-        images, or no look at them at all.
-    twist_index : {"auto", "end", "start"}
-        Whether the step from k to k + 1 has ``twist[k + 1]``, ``twist[k]`` or whichever of them
-        fits the images.
+    conventions : Conventions, optional
+        What the file's numbers mean; by default what fits its images.
     progress : callable, optional
         Told the share of the features read so far, 0 to 1.
 
@@ -119,7 +114,7 @@ def load_dataset(
         ground_truth=truth,
         notes=tuple(notes),
     )
-    return settle_conventions(drive, imu_frame=imu_frame, twist_index=twist_index)
+    return settle_conventions(drive, conventions)
 
 
 def nanoseconds(seconds: Array) -> NDArray[np.int64]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vislam_ros.data.bag_reader import is_bag, read_drive
+from vislam_ros.data.conventions import AS_FOUND, Conventions
 from vislam_ros.data.dataset import load_dataset
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.integrity import require_intact
@@ -21,8 +22,7 @@ def is_dataset(path: Path) -> bool:
 def load_drive(
     path: Path,
     *,
-    imu_frame: str = "auto",
-    twist_index: str = "auto",
+    conventions: Conventions = AS_FOUND,
     topics: Mapping[str, str] | None = None,
     progress: Progress | None = None,
 ) -> Drive:
@@ -31,7 +31,7 @@ def load_drive(
     Parameters
     ----------
     path : Path
-    imu_frame, twist_index : str
+    conventions : Conventions, optional
         For datasets, see :func:`vislam_ros.data.dataset.load_dataset`. A bag is already in this
         package's convention.
     topics : mapping of str to str, optional
@@ -45,7 +45,7 @@ def load_drive(
         Where the path is neither, is damaged or cannot be read.
     """
     if is_dataset(path):
-        return load_dataset(path, imu_frame=imu_frame, twist_index=twist_index, progress=progress)
+        return load_dataset(path, conventions=conventions, progress=progress)
     if is_bag(path):
         require_intact(path)
         return read_drive(path, topics=topics)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.twist_noise import white_noise_levels
 from vislam_ros.data.benchmark.gtsam_factors import Recipe
 from vislam_ros.data.benchmark.gtsam_runs import (
     PeerFailure,
@@ -24,7 +25,6 @@ from vislam_ros.data.benchmark.recorded_drive import (
     RecordedDrive,
     given_gyro_bias,
     record,
-    white_twist_noise,
 )
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation import compare
@@ -71,7 +71,7 @@ class PeerComparison:
         self._name = slam_settings.estimator
         on_progress(f"{self._name} on {drive.steps} steps")
         self._recorded = record(drive, slam_settings, prediction_settings)
-        self._twist_noise = white_twist_noise(drive)
+        self._twist_noise = white_noise_levels(drive.twists)
         self._pixel_std = pixel_std
         self._bias = given_gyro_bias(drive, reference)
         self._problem = peer_problem(

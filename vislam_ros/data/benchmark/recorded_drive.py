@@ -13,7 +13,6 @@ from vislam_ros.core.dead_reckoning import DeadReckoning
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import SlamStep
 from vislam_ros.core.smoothed_drive import SmoothedDrive
-from vislam_ros.core.twist_noise import white_noise_std
 from vislam_ros.data.benchmark.interleaving import cpu_clock
 from vislam_ros.data.benchmark.watched_slam import FilterStep, WatchedSlam
 from vislam_ros.data.drive import Drive
@@ -92,16 +91,6 @@ def first_steps(drive: Drive, count: int) -> Drive:
         ids=drive.ids[:rows],
         pixels=drive.pixels[:rows],
     )
-
-
-def white_twist_noise(drive: Drive) -> tuple[float, float]:
-    """Standard deviations of the white noise of velocity (m/s) and angular velocity (rad/s).
-
-    Read off the third differences of all twists, from the axis that the motion itself jerks
-    least.
-    """
-    std = white_noise_std(np.abs(np.diff(drive.twists, 3, axis=0)))
-    return float(std[:3].min()), float(std[3:].min())
 
 
 def twist_errors(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:

@@ -1,0 +1,64 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What the images before and after a step of a drive have in common."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.data.drive import Drive
+
+Array = NDArray[np.float64]
+
+_STEPS_LOOKED_AT = 240  # about 200 once frozen ones are left out
+_MIN_DISPARITY = 2.0  # pixels
+
+
+@dataclass(frozen=True)
+class StepPairs:
+    """Landmarks seen at both ends of a step.
+
+    Attributes
+    ----------
+    steps : ndarray of int64, (n,)
+        ``k`` of the step from ``k`` to ``k + 1``.
+    y : ndarray, (n, 3)
+        ``(u_left, u_right, v)`` at ``k``, pixels.
+    left : ndarray, (n, 2)
+        ``u_left, v_left`` at ``k + 1``, pixels.
+    """
+
+    steps: NDArray[np.int64]
+    y: Array
+    left: Array
+
+
+def step_pairs(drive: Drive, looked_at: NDArray[np.int64] | None = None) -> StepPairs:
+    """Collect the common landmarks of steps that are not frozen.
+
+    Parameters
+    ----------
+    drive : Drive
+    looked_at : ndarray of int64, optional
+        ``k`` of the steps, by default some that are evenly spaced.
+    """
+    if looked_at is None:
+        looked_at = np.unique(np.linspace(0, drive.steps - 2, _STEPS_LOOKED_AT).astype(int))
+    looked_at = looked_at[(looked_at >= 0) & (looked_at < drive.steps - 1)]
+    steps, y, left = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))], [np.empty((0, 2))]
+    for k in looked_at.tolist():
+        ids_before, before = drive.frame(k)
+        ids_after, after = drive.frame(k + 1)
+        _, rows_before, rows_after = np.intersect1d(
+            ids_before, ids_after, assume_unique=True, return_indices=True
+        )
+        z, z_after = before[rows_before].astype(float), after[rows_after].astype(float)
+        if 2 * np.sum(np.all(z == z_after, axis=1)) > len(z):
+            continue
+        near = z[:, 0] - z[:, 2] > _MIN_DISPARITY
+        z, z_after = z[near], z_after[near]
+        steps.append(np.full(len(z), k))
+        y.append(np.column_stack([z[:, 0], z[:, 2], (z[:, 1] + z[:, 3]) / 2]))
+        left.append(z_after[:, :2])
+    return StepPairs(np.concatenate(steps), np.concatenate(y), np.concatenate(left))
