@@ -108,22 +108,23 @@ def settle_conventions(drive: Drive, conventions: Conventions) -> Drive:
 
 def _settle_origin(drive: Drive, camera_as_given: StereoCamera, twist_origin: str) -> Drive:
     """Move the twists to the body where they are those of a misplaced IMU."""
+    if twist_origin == "body":
+        return drive
     imu = misplaced_imu(camera_as_given)
     if drive.camera != camera_as_given:
         imu = imu * _HALF_TURN_TWIST[:3]
-    if twist_origin == "body":
-        return drive
-    measured = ""
+    seen = ""
     if twist_origin == "auto":
-        found = measure_twist_origin(drive)
-        if found is None or not is_nearer(found, imu):
+        measured = measure_twist_origin(drive)
+        if measured is None or not is_nearer(measured, imu):
             return drive
-        place, std = found.place, np.sqrt(np.diag(found.covariance))
-        measured = ", by the images at " + _place(place[:2]) + " +- " + _place(std[:2])
+        std = np.sqrt(np.diag(measured.covariance))
+        seen = f", seen in the images at {_place(measured.place[:2])} +- {_place(std[:2])}"
     return _add_note(
         dataclasses.replace(drive, twists=moved_to_the_body(drive, imu)),
         f"The twists are those of an IMU at {_place(imu)} m in the body that the extrinsics "
-        f"describe{measured}, whose translation was turned the wrong way: moved them to the body.",
+        f"describe{seen}: their translation was turned the wrong way. Moved the twists to the "
+        "body.",
     )
 
 
