@@ -84,8 +84,8 @@ def moved_to_the_body(drive: Drive, imu: Array) -> Array:
 
 def is_nearer(measured: TwistOrigin, imu: Array) -> bool:
     """Whether the twists are an IMU's at a place (3,) beyond doubt, not those of the origin."""
-    doubt = measured.distance_squared(np.zeros(3)) - measured.distance_squared(imu)
-    return bool(np.linalg.norm(imu) > _SMALLEST_DISTANCE and doubt > _EVIDENCE)
+    evidence = measured.distance_squared(np.zeros(3)) - measured.distance_squared(imu)
+    return bool(np.linalg.norm(imu) > _SMALLEST_DISTANCE and evidence > _EVIDENCE)
 
 
 def measure_twist_origin(drive: Drive) -> TwistOrigin | None:
