@@ -13,6 +13,7 @@ import pytest
 
 from vislam_ros.cli import processes
 from vislam_ros.cli.domain import own_domain
+from vislam_ros.cli.exit_codes import INTERRUPTED
 from vislam_ros.cli.processes import Child, Children
 from vislam_ros.errors import VislamError
 
@@ -31,6 +32,11 @@ DEAF = """\
 import signal, time
 for number in (signal.SIGINT, signal.SIGTERM):
     signal.signal(number, signal.SIG_IGN)
+print("ready", flush=True)
+time.sleep(1000)
+"""
+SLOW_TO_START = """\
+import time
 print("ready", flush=True)
 time.sleep(1000)
 """
@@ -104,6 +110,14 @@ def test_a_child_that_does_not_listen_is_made_to_end(start, monkeypatch):
     wait_until_ready(child)
     child.end()
     assert child.exit_code == -signal.SIGKILL
+
+
+def test_a_child_that_is_interrupted_while_it_starts_says_nothing(start):
+    child = start(SLOW_TO_START)
+    wait_until_ready(child)
+    child.end()
+    assert child.exit_code == INTERRUPTED
+    assert child.log.read_text() == "ready\n"
 
 
 def test_a_failed_child_is_named_with_its_last_words(start):

@@ -13,6 +13,8 @@ import sys
 import threading
 import time
 
+from vislam_ros.cli.exit_codes import INTERRUPTED
+
 _GRACE_SECONDS = 5.0
 
 
@@ -28,7 +30,11 @@ def main() -> None:
     """Watch the parent from a thread and run the module that the arguments name."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     del sys.argv[0]
-    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    try:
+        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    except KeyboardInterrupt:
+        # While it was still importing; later a module takes its signals itself.
+        sys.exit(INTERRUPTED)
 
 
 if __name__ == "__main__":
