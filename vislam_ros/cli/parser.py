@@ -398,7 +398,8 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
         "--imu-frame",
         choices=_IMU_FRAMES,
         default="auto",
-        help="axes of the dataset's camera extrinsics; auto finds what fits the twist",
+        help="axes of the dataset's twists, which its extrinsics are turned to; auto finds what "
+        "fits the images",
     )
     parser.add_argument(
         "--twist-index",
