@@ -43,25 +43,26 @@ def test_the_step_is_measured_above_its_floor_and_written_as_json(tmp_path):
     assert "--force" in again.stderr
 
 
-def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path):
-    data = tmp_path / "drive.npz"
-    write_simulated(data, simulate(SimulationSettings(steps=40, landmarks=200)))
-    out = tmp_path / "bench.json"
-    result = bench("--only", "d", "--quick", "--data", data, "--out", out)
+def of_a_drive(section, folder, **simulation):
+    """What a section prints and writes about a simulated drive, its reference beside it."""
+    data, out = folder / "drive.npz", folder / "bench.json"
+    write_simulated(data, simulate(SimulationSettings(**simulation)))
+    result = bench("--only", section, "--quick", "--data", data, "--out", out)
     assert result.returncode == 0, result.stderr
-    rows = json.loads(out.read_text())["drive"]
+    return result.stdout, json.loads(out.read_text())
+
+
+def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path):
+    _, report = of_a_drive("d", tmp_path, steps=40, landmarks=200)
+    rows = report["drive"]
     assert rows[0]["steps"] == rows[1]["steps"] == 40
     assert all(row["ate_m"] > 0 for row in rows)
 
 
 def test_a_drive_is_measured_beside_others_of_the_same_motion(tmp_path):
-    data = tmp_path / "drive.npz"
-    write_simulated(data, simulate(SimulationSettings(steps=60, landmarks=300)))
-    out = tmp_path / "bench.json"
-    result = bench("--only", "h", "--quick", "--data", data, "--out", out)
-    assert result.returncode == 0, result.stderr
-    assert "simulated along its reference" in result.stdout
-    itself, others = json.loads(out.read_text())["retraced"]["runs"]
+    printed, report = of_a_drive("h", tmp_path, steps=60, landmarks=300)
+    assert "simulated along its reference" in printed
+    itself, others = report["retraced"]["runs"]
     assert (itself["drives"], others["drives"]) == (1, 2)
     assert others["nees_least"] <= others["nees"] <= others["nees_greatest"]
 

@@ -130,11 +130,10 @@ def _measure_consistency(
     monte_carlo = MonteCarlo(
         parameters.slam, parameters.prediction, on_progress=lambda what: _say(f"f: {what}")
     )
-    seeds, cells = arguments.seeds, CELLS
+    cells = CELLS
     if arguments.quick:
-        seeds = min(seeds, 2)
         cells = tuple(dataclasses.replace(cell, steps=30, landmarks=150) for cell in CELLS)
-    consistency = monte_carlo.run(range(seeds), cells)
+    consistency = monte_carlo.run(_seeds(arguments), cells)
     disparities = consistency["disparities"]
     report["consistency"] = consistency
     unfinished = sum(not drive["converged"] for drive in consistency["drives"])
@@ -185,7 +184,7 @@ def _measure_drive(
                 reference,
                 parameters.slam,
                 parameters.prediction,
-                range(min(arguments.seeds, 2) if arguments.quick else arguments.seeds),
+                _seeds(arguments),
                 on_progress=lambda what: _say(f"h: {what}"),
             )
         if "e" not in arguments.only:
@@ -222,6 +221,11 @@ def _drive_files(arguments: argparse.Namespace, folder: Path) -> tuple[Path, Pat
     name = f"{data.stem}.tum"
     beside = [data.with_name(name), data.parent / "ground_truth" / name]
     return data, arguments.reference or next(filter(Path.is_file, beside), None)
+
+
+def _seeds(arguments: argparse.Namespace) -> range:
+    """Seeds of the simulated drives of f and h."""
+    return range(min(arguments.seeds, 2) if arguments.quick else arguments.seeds)
 
 
 def _say(what: str) -> None:

@@ -84,6 +84,7 @@ def test_simulate_leaves_the_defaults_to_the_simulation_and_tells_them(capsys):
 def test_choices_of_reading_are_those_of_the_reader():
     assert parser._IMU_FRAMES == conventions.IMU_FRAMES
     assert parser._TWIST_INDICES == conventions.TWIST_INDICES
+    assert parser._TWIST_ORIGINS == conventions.TWIST_ORIGINS
 
 
 def test_loop_and_clock_need_no_number():

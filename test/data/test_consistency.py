@@ -11,7 +11,7 @@ from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.benchmark.consistency import CELLS, Cell, MonteCarlo, spread, summary
 from vislam_ros.data.evaluation import compare
 from vislam_ros.data.simulation import simulate
-from vislam_ros.data.solving import solve
+from vislam_ros.data.solving import covariances_of, solve
 
 CELL = Cell(0.1, 0.01, 0.1, steps=40, landmarks=200)
 
@@ -71,7 +71,7 @@ def test_the_table_has_what_the_filters_made_of_each_drive():
     )
     for name, alone in (("robocentric", settings), ("joint", joint)):
         solution = solve(drive, alone, PredictionSettings())
-        covariances = np.array([step.covariance for step in solution.steps])
+        covariances = covariances_of(solution.steps)
         expected = compare(drive.ground_truth, solution.trajectory, covariances)
         (row,) = (row for row in table["runs"] if row["name"] == name)
         assert row["nees"] == pytest.approx(expected["nees_per_dof"])

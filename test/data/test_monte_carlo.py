@@ -10,7 +10,7 @@ import pytest
 from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
 from vislam_ros.data.evaluation import compare
 from vislam_ros.data.simulation import SimulationSettings, simulate
-from vislam_ros.data.solving import solve
+from vislam_ros.data.solving import covariances_of, solve
 
 SEEDS = range(3)
 
@@ -47,7 +47,7 @@ def monte_carlo(estimator: str, frozen_share: float, twist_noise: float) -> Figu
         ).drive
         assert drive.ground_truth is not None
         solution = solve(drive, settings, PredictionSettings())
-        covariances = np.array([step.covariance for step in solution.steps])
+        covariances = covariances_of(solution.steps)
         figures = compare(drive.ground_truth, solution.trajectory, covariances)
         nees.append(figures["nees_per_dof"])
         ate.append(figures["ate_m"]["rmse"])

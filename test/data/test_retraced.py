@@ -7,7 +7,7 @@ from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.benchmark.retraced import retrace
 from vislam_ros.data.evaluation import compare
 from vislam_ros.data.simulation import SimulationSettings, simulate
-from vislam_ros.data.solving import solve
+from vislam_ros.data.solving import covariances_of, solve
 
 SETTINGS = SimulationSettings(
     steps=200,
@@ -49,7 +49,7 @@ def test_the_simulated_drives_have_what_the_drive_has(retraced):
 def test_the_drive_stands_beside_the_mean_of_the_others(drive, retraced):
     itself, others = retraced["runs"]
     solution = solve(drive, SlamSettings(), PredictionSettings())
-    covariances = np.array([step.covariance for step in solution.steps])
+    covariances = covariances_of(solution.steps)
     expected = compare(drive.ground_truth, solution.trajectory, covariances)
     assert itself["nees"] == expected["nees_per_dof"]
     assert itself["ate_m"] == expected["ate_m"]["rmse"]

@@ -64,8 +64,12 @@ def drive_poses(steps: int, period: float, rng: np.random.Generator) -> Array:
         @ se3.exp_rotation(np.column_stack([roll, zero, zero]))
     )
     T[:, :3, 3] = position[::_SUBSTEPS]
-    T = T @ se3.exp(_shake(way[::_SUBSTEPS], rng))
-    T_first_body = se3.inverse(T[0]) @ T
+    return in_first_pose(T @ se3.exp(_shake(way[::_SUBSTEPS], rng)))
+
+
+def in_first_pose(T_world_body: Array) -> Array:
+    """Poses ``T_first_body`` (n, 4, 4) in the first one's frame; that itself is the identity."""
+    T_first_body = se3.inverse(T_world_body[0]) @ T_world_body
     T_first_body[0] = np.eye(4)
     return T_first_body
 

@@ -20,7 +20,7 @@ from vislam_ros.core.camera import StereoCamera
 from vislam_ros.core.settings import setting
 from vislam_ros.data.dataset import nanoseconds
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.simulated_motion import drive_poses
+from vislam_ros.data.simulated_motion import drive_poses, in_first_pose
 from vislam_ros.data.sparse_features import image_size_that_holds
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
 from vislam_ros.errors import VislamError
@@ -193,10 +193,7 @@ def _recorded(along: Trajectory, steps: int) -> tuple[Array, Array]:
         raise VislamError(
             f"along: a motion of {len(along)} poses has no {steps} steps: take fewer"
         )
-    T = along.T_world_body[:steps]
-    T_first_body = se3.inverse(T[0]) @ T
-    T_first_body[0] = np.eye(4)
-    return along.stamps[:steps] / NANOSECONDS, T_first_body
+    return along.stamps[:steps] / NANOSECONDS, in_first_pose(along.T_world_body[:steps])
 
 
 def _measured(twists: Array, settings: SimulationSettings, rng: np.random.Generator) -> Array:

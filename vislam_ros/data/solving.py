@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import threadpoolctl
+from numpy.typing import NDArray
 
 from vislam_ros.core.dead_reckoning import DeadReckoning, Prediction
 from vislam_ros.core.landmarks import LandmarkMap
@@ -56,6 +57,11 @@ def trajectory_of(poses: Sequence[SlamStep] | Sequence[Prediction]) -> Trajector
         np.array([pose.position for pose in poses]).reshape(-1, 3),
         np.array([pose.quaternion for pose in poses]).reshape(-1, 4),
     )
+
+
+def covariances_of(steps: Sequence[SlamStep]) -> NDArray[np.float64]:
+    """Covariances (n, 6, 6) of the steps' poses, in the body frame."""
+    return np.array([step.covariance for step in steps])
 
 
 def smoothed_trajectory(smoothed: SmoothedDrive) -> Trajectory:

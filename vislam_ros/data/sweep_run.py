@@ -14,7 +14,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation import compare
 from vislam_ros.data.simulation import simulate
-from vislam_ros.data.solving import Solution, smoothed_trajectory, solve
+from vislam_ros.data.solving import Solution, covariances_of, smoothed_trajectory, solve
 from vislam_ros.data.sweep_plan import SweepRun
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
@@ -78,8 +78,7 @@ def _figures(inputs: SweepInputs, run: SweepRun) -> dict[str, float | None]:
     )
     figures = _step_figures(solution)
     if reference is not None:
-        covariances = np.array([step.covariance for step in solution.steps])
-        errors = compare(reference, solution.trajectory, covariances)
+        errors = compare(reference, solution.trajectory, covariances_of(solution.steps))
         figures["ate_m"] = errors["ate_m"]["rmse"]
         figures["rpe_frame_m"] = errors["rpe_frame_m"]["rmse"]
         figures["nees_per_dof"] = errors["nees_per_dof"]

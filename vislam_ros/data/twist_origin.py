@@ -110,13 +110,13 @@ def measure_twist_origin(drive: Drive) -> TwistOrigin | None:
     for _ in range(_ROUNDS):
         normal, right = prior.copy(), np.zeros(9)
         for step in steps:
-            H = _by_unknowns(step.angular_velocity - x[6:])
-            xi = -step.tau * (H @ x)
+            expected = -step.tau * (_by_unknowns(step.angular_velocity - x[6:]) @ x)
+            xi = expected
             of_twist = np.diag(precision / step.tau**2)
             for _ in range(_ITERATIONS):
                 A, b = _information(step, xi)
                 M = np.linalg.inv(A + of_twist)
-                xi = M @ (b - of_twist @ (step.tau * (H @ x)))
+                xi = M @ (b + of_twist @ expected)
             H = step.tau * _by_unknowns(step.angular_velocity + xi[3:] / step.tau)
             normal += H.T @ (A - A @ M @ A) @ H
             right -= H.T @ (b - A @ M @ b)

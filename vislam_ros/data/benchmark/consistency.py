@@ -22,7 +22,7 @@ from vislam_ros.data.benchmark.recorded_drive import record
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation import compare
 from vislam_ros.data.simulation import SimulationSettings, simulate
-from vislam_ros.data.solving import smoothed_trajectory, solve
+from vislam_ros.data.solving import covariances_of, smoothed_trajectory, solve
 from vislam_ros.data.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -155,6 +155,8 @@ class MonteCarlo:
             ),
             self._prediction_settings,
         )
+        truth = drive.ground_truth
+        assert truth is not None
         problem = peer_problem(
             recorded,
             drive.camera,
@@ -167,17 +169,9 @@ class MonteCarlo:
         batch_with_walk, with_walk_converged = _batch(drive, problem, estimate, walk)
         return {
             "filters": {
-                "robocentric": _judged(
-                    drive, estimate, np.array([step.covariance for step in recorded.steps])
-                ),
-                "smoothed": _judged(
-                    drive,
-                    smoothed_trajectory(smoothed),
-                    smoothed.covariances,
-                ),
-                "joint": _judged(
-                    drive, joint.trajectory, np.array([step.covariance for step in joint.steps])
-                ),
+                "robocentric": judged(truth, estimate, covariances_of(recorded.steps)),
+                "smoothed": judged(truth, smoothed_trajectory(smoothed), smoothed.covariances),
+                "joint": judged(truth, joint.trajectory, covariances_of(joint.steps)),
             },
             "dead_reckoning_m": _ate(drive, joint.dead_reckoning),
             "batch_m": batch,
@@ -244,18 +238,18 @@ def std_error(values: Array) -> float | None:
     return float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
 
 
+def judged(reference: Trajectory, estimate: Trajectory, covariances: Array) -> dict[str, float]:
+    """NEES/6 and aligned ATE, metres, of an estimate with covariances (n, 6, 6) of its poses."""
+    figures = compare(reference, estimate, covariances)
+    return {"nees": figures["nees_per_dof"], "ate_m": figures["ate_m"]["rmse"]}
+
+
 def _name(cell: Cell) -> dict[str, float]:
     return {
         "velocity_noise_std": cell.velocity_noise_std,
         "angular_velocity_noise_std": cell.angular_velocity_noise_std,
         "frozen_share": cell.frozen_share,
     }
-
-
-def _judged(drive: Drive, estimate: Trajectory, covariances: Array) -> dict[str, float]:
-    assert drive.ground_truth is not None
-    figures = compare(drive.ground_truth, estimate, covariances)
-    return {"nees": figures["nees_per_dof"], "ate_m": figures["ate_m"]["rmse"]}
 
 
 def _ate(drive: Drive, estimate: Trajectory) -> float:

@@ -15,12 +15,12 @@ import numpy as np
 from scipy.stats import median_abs_deviation
 
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
-from vislam_ros.data.benchmark.consistency import std_error
-from vislam_ros.data.benchmark.recorded_drive import given_gyro_bias, twist_errors
+from vislam_ros.data.benchmark.consistency import judged, std_error
+from vislam_ros.data.benchmark.recorded_drive import twist_errors
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.evaluation import associate, compare
+from vislam_ros.data.evaluation import associate
 from vislam_ros.data.simulation import SimulationSettings, simulate
-from vislam_ros.data.solving import Solution, solve
+from vislam_ros.data.solving import Solution, covariances_of, solve
 from vislam_ros.data.trajectory import Trajectory
 
 
@@ -54,11 +54,11 @@ def retrace(
         simulated = simulate(dataclasses.replace(settings, seed=seed), along).drive
         assert simulated.ground_truth is not None
         again = solve(simulated, slam_settings, prediction_settings)
-        retraced.append(_figures(again, simulated.ground_truth))
+        retraced.append(_judged(again, simulated.ground_truth))
     nees, ate = (np.array([row[name] for row in retraced]) for name in ("nees", "ate_m"))
     return {
         "runs": [
-            {"name": drive.name, "drives": 1, **_figures(solution, reference)},
+            {"name": drive.name, "drives": 1, **_judged(solution, reference)},
             {
                 "name": "simulated along its reference",
                 "drives": len(retraced),
@@ -84,7 +84,7 @@ def _simulation(
     # Differences of neighbours are free of slow errors; the quietest axis, of the reference's own.
     noise = median_abs_deviation(np.diff(errors, axis=0), scale="normal") / np.sqrt(2.0)
     frozen = sum(step.frozen for step in solution.steps) / len(solution.steps)
-    x, y, z = given_gyro_bias(drive, reference).tolist()
+    x, y, z = errors[:, 3:].mean(axis=0).tolist()
     return SimulationSettings(
         steps=steps,
         landmarks=drive.tracks,
@@ -95,7 +95,5 @@ def _simulation(
     )
 
 
-def _figures(solution: Solution, reference: Trajectory) -> dict[str, float]:
-    covariances = np.array([step.covariance for step in solution.steps])
-    figures = compare(reference, solution.trajectory, covariances)
-    return {"nees": figures["nees_per_dof"], "ate_m": figures["ate_m"]["rmse"]}
+def _judged(solution: Solution, reference: Trajectory) -> dict[str, float]:
+    return judged(reference, solution.trajectory, covariances_of(solution.steps))
