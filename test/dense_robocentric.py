@@ -352,6 +352,8 @@ class DenseRobocentricFilter:
     def admit(self, keys: list[int], pixels: Array, copied: list[bool]) -> None:
         z = self.image_points(pixels)
         points = z + self.estimate[LENS] * shift(self.camera, z).real
+        spread = np.sqrt(self.told_V[1, 1] + self.told_V[3, 3])
+        self.track_noise.start((pixels[:, 1] - pixels[:, 3]) / spread)
         noises = list(self.track_noise.of_new_tracks(points))
         a = np.array([1.0, -1.0, 0.0])
         for y, noise, stale in zip(points, noises, copied, strict=True):

@@ -29,6 +29,15 @@ def test_equal_variances_need_three_rows_and_others_four():
     assert StereoObservation(CAMERA, UNEQUAL).noise.shape == (4, 4)
 
 
+def test_rows_of_left_and_right_differ_by_one_standard_deviation(observation):
+    variance = UNEQUAL if len(observation.noise) == 4 else EQUAL
+    rng = np.random.default_rng(8)
+    pixels = rng.uniform(0.0, 300.0, (20000, 4))
+    pixels[:, 3] = pixels[:, 1]
+    pixels += np.sqrt(variance) * rng.standard_normal(pixels.shape)
+    assert_allclose(np.std(observation.row_mismatch(pixels)), 1.0, rtol=0.02)
+
+
 def test_pose_jacobian_is_its_finite_difference(observation, scene):
     T, landmarks = scene
     H = observation.predict(T, landmarks).H_pose

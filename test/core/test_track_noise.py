@@ -100,8 +100,47 @@ def test_where_no_offset_is_looked_for_there_is_none() -> None:
     assert not noise.has_offsets
 
 
+def test_the_level_begins_where_the_rows_of_left_and_right_differ_by_more_than_was_told() -> None:
+    mismatch = np.random.default_rng(54).standard_normal(2000)
+    noise = told()
+    # A camera that is not quite level moves them all alike.
+    noise.start(3.0 * mismatch + 5.0)
+    assert_allclose(noise.level, 9.0, rtol=0.1)
+    noise.start(0.2 * mismatch)
+    assert_allclose(noise.level, 9.0, rtol=0.1)
+
+
+def test_rows_that_agree_or_are_few_or_late_do_not_change_the_level() -> None:
+    noise = told()
+    noise.start(np.linspace(-0.3, 0.3, 100))
+    noise.start(np.linspace(-9.0, 9.0, 10))
+    assert noise.level == 1.0
+    noise.begin(TRACKS)
+    see(noise, np.ones((TRACKS, 3)))
+    level = noise.level
+    noise.start(np.linspace(-9.0, 9.0, 100))
+    assert noise.level == level
+
+
+@pytest.mark.parametrize("state", [0.0, 4.0, 25.0])
+def test_the_level_is_found_as_fast_where_innovations_are_mostly_of_the_state(
+    state: float,
+) -> None:
+    rng = np.random.default_rng(55)
+    noise = told(0.0)
+    noise.begin(2000)
+    for _ in range(100):
+        # All of the noise is the level's: the tracks are alike.
+        noise.end(np.ones(2000, dtype=bool))
+        noise.begin(2000)
+        white = np.sqrt(4.0 * TOLD + state) * rng.standard_normal((2000, 3))
+        see(noise, white, state)
+    assert_allclose(noise.level, 4.0, rtol=0.2)
+
+
 def test_noise_that_is_held_stays_as_it_was_told() -> None:
     noise = TrackNoise(TOLD, 0.5, learns=False)
+    noise.start(np.linspace(-9.0, 9.0, 100))
     noise.begin(TRACKS)
     for _ in range(50):
         see(noise, np.full((TRACKS, 3), 0.3))

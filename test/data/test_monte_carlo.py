@@ -23,7 +23,9 @@ class Figures:
     rejected_share: float
 
 
-def monte_carlo(estimator: str, frozen_share: float, twist_noise: float) -> Figures:
+def monte_carlo(
+    estimator: str, frozen_share: float, twist_noise: float, pixel_noise: float = 1.0
+) -> Figures:
     """Mean figures of drives of 24 s; an angular velocity has a tenth of a velocity's noise."""
     noise = {
         "velocity_noise_std": twist_noise,
@@ -42,6 +44,7 @@ def monte_carlo(estimator: str, frozen_share: float, twist_noise: float) -> Figu
                 seed=seed,
                 frozen_share=frozen_share,
                 gyro_bias=tuple(bias.tolist()),
+                pixel_noise_std=pixel_noise,
                 **noise,
             )
         ).drive
@@ -84,6 +87,12 @@ def test_so_it_does_where_the_twist_is_noisy_and_nobody_told_it() -> None:
     figures = monte_carlo("robocentric", 0.1, twist_noise=0.5)
     assert 0.5 < figures.nees < 2.0
     assert figures.ate_to_dead_reckoning < 0.2
+
+
+def test_so_it_does_where_pixels_are_three_times_as_noisy_as_it_was_told() -> None:
+    figures = monte_carlo("robocentric", 0.0, twist_noise=0.1, pixel_noise=3.0)
+    assert 0.5 < figures.nees < 3.0
+    assert figures.rejected_share < 0.03
 
 
 def test_joint_is_overconfident_on_the_same_drives() -> None:

@@ -76,6 +76,7 @@ class StereoObservation:
         # Weighted least squares for the image point (u_left, u_right, v) of the four pixels.
         information = _FOUR_ROWS.T @ np.diag(1 / np.diag(V)) @ _FOUR_ROWS
         self.image_point_noise: Array = np.linalg.inv(information)
+        self._row_mismatch_std = np.sqrt(pixel_variance[1] + pixel_variance[3])
         self._image_point_of_pixels = (
             self.image_point_noise @ _FOUR_ROWS.T @ np.diag(1 / np.diag(V))
         )
@@ -87,6 +88,13 @@ class StereoObservation:
     def image_points(self, pixels: Array) -> Array:
         """Best image points ``(u_left, u_right, v)`` (n, 3) of pixels (n, 4)."""
         return pixels @ self._image_point_of_pixels.T
+
+    def row_mismatch(self, pixels: Array) -> Array:
+        """How far v_left and v_right (n,) of pixels (n, 4) differ, in standard deviations.
+
+        Both are the row of one point, so the difference is noise, whatever the motion.
+        """
+        return (pixels[:, 1] - pixels[:, 3]) / self._row_mismatch_std
 
     def predict(self, T_world_body: Array, landmarks: Array) -> PredictedObservation:
         """Predict the observations of landmarks.

@@ -392,6 +392,7 @@ class RobocentricFilter:
         if not len(keys):
             return
         y = self._straight(pixels)
+        self._track_noise.start(self._observation.row_mismatch(pixels))
         noise = self._track_noise.of_new_tracks(y)
         # A track begun at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])

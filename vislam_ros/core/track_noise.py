@@ -5,7 +5,11 @@
 *Level.* One scale of the told variances V for the whole drive, by which the innovations are as
 large as they are expected to be: a stochastic approximation (Robbins and Monro, *A stochastic
 approximation method*, 1951) of ``E[r^T S^-1 r] = dim r``, the condition of covariance matching
-(Mehra, *Approaches to adaptive filtering*, 1972).
+(Mehra, *Approaches to adaptive filtering*, 1972). The noise is only a part of S, so that a change
+of the level by a factor changes the left side by less: by ``tr(S^-1 R)``, over which each step is
+divided (Fisher's scoring). A point has one row in both images; where the rows of the first tracks
+differ by more than was told, the level begins there. They may agree by far better than one frame
+agrees with the next, so they never lower it.
 
 *Quality.* Most tracks are better than the level and some are far worse: on real drives the errors
 of all tracks together have heavy tails, those of one track much less so. Each track has a scale of
@@ -32,11 +36,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.twist_noise import MEDIAN_TO_STD
+
 Array = NDArray[np.float64]
 
 # Half a minute at 10 Hz; the level told counts as the first few frames.
 _MEMORY = 300
-_PRIOR_FRAMES = 20
+_PRIOR_FRAMES = 30
+# First tracks whose rows tell where to begin.
+_ENOUGH_ROWS = 20
 # The largest change of the level's logarithm in a frame, and its bounds: a hundredth and a hundred
 # times the standard deviation told.
 _LARGEST_CHANGE = 0.3
@@ -126,6 +134,12 @@ class TrackNoise:
         expected[:, 1] += self._offset_variances(y)
         return expected
 
+    def start(self, mismatch: Array) -> None:
+        """Take how far the rows (n,) of the first tracks differ, in standard deviations told."""
+        if self._learns and not self._frames and len(mismatch) >= _ENOUGH_ROWS:
+            spread = MEDIAN_TO_STD * float(np.median(np.abs(mismatch - np.median(mismatch))))
+            self.level = min(max(self.level, spread**2), math.exp(_LIMIT))
+
     def begin(self, count: int) -> None:
         """Append so many landmarks."""
         prior = np.full(count, _PRIOR_NUMBERS)
@@ -162,12 +176,14 @@ class TrackNoise:
         scale = self._scale(slots)
         R_0 = self.level * self._variances[used]
         w, D = weighted.reshape(-1, numbers), information.reshape(-1, numbers)
-        self._noise[slots] += scale * (scale * ((w * w - D) @ R_0) + numbers)
+        from_noise = scale * (D @ R_0)
+        self._noise[slots] += scale * (scale * (w * w @ R_0) - from_noise + numbers)
         self._observed[slots] += numbers
 
         self._frames += 1
-        ratio = float(weighted @ residual[:, used].ravel()) / len(weighted)
-        change = (ratio - 1.0) / min(self._frames + _PRIOR_FRAMES, _MEMORY)
+        excess = float(weighted @ residual[:, used].ravel()) - len(weighted)
+        frames = min(self._frames + _PRIOR_FRAMES, _MEMORY)
+        change = excess / (frames * float(np.sum(from_noise)))
         change = min(max(change, -_LARGEST_CHANGE), _LARGEST_CHANGE)
         self.level = math.exp(min(max(math.log(self.level) + change, -_LIMIT), _LIMIT))
         self._judge_offsets(slots, residual[:, 0] - residual[:, 1])

@@ -12,8 +12,8 @@ Array = NDArray[np.float64]
 # A third difference of white noise has 1 + 9 + 9 + 1 = 20 times its variance, while the motion of
 # a vehicle, smooth over four samples, all but cancels. The median passes over jerks.
 _VARIANCE_RATIO = 20.0
-# Median of the absolute value of a standard normal variable, inverted.
-_MEDIAN_TO_STD = 1.4826
+#: Median of the absolute value of a standard normal variable, inverted.
+MEDIAN_TO_STD = 1.4826
 # Samples remembered: half a minute at 10 Hz, enough for a median that is good to 5 %.
 _WINDOW = 300
 # The median is taken anew at every sample at first, and then at every tenth.
@@ -28,7 +28,7 @@ def white_noise_std(third_differences: Array) -> Array:
     middle = [(n - 1) // 2, n // 2]
     ordered = np.partition(third_differences, middle, axis=0)
     median: Array = 0.5 * (ordered[middle[0]] + ordered[middle[1]])
-    return _MEDIAN_TO_STD * median / np.sqrt(_VARIANCE_RATIO)
+    return MEDIAN_TO_STD * median / np.sqrt(_VARIANCE_RATIO)
 
 
 def white_noise_levels(twists: Array) -> tuple[float, float]:
