@@ -79,11 +79,11 @@ def run(
     estimator: Estimator, drive: Drive, settings: SlamSettings
 ) -> Iterator[tuple[Increment, TrackedFrame, Outcome]]:
     """Drive a filter step by step; each step's input and outcome."""
-    tracks = Tracks(settings.retire_after, settings.frozen_share)
+    tracks = Tracks(settings.retire_after, settings.frozen_share, settings.rest_after_rejection)
     for k, increment in enumerate(increments(drive, settings)):
         frame = tracks.observe(*drive.frame(k), motion_expected=lambda moved=k > 0: moved)
         outcome = estimator.step(increment, frame)
-        tracks.restart(outcome.rejected)
+        tracks.restart(outcome.rejected, rest=len(outcome.rejected) < outcome.used)
         yield increment, frame, outcome
 
 

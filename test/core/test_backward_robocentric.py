@@ -36,6 +36,7 @@ def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
         pixel_variance=pixel_variance,
         chi2_gate=chi2_gate,
         retire_after=retire_after,
+        rest_after_rejection=2,
         stale_disparity=0.05,
         prior_pose_variance=1e-4,
     )

@@ -46,9 +46,8 @@ def test_state_and_covariance_are_the_dense_filters(
     changes: dict[str, Any],
 ) -> None:
     drive = drives[kind]
-    settings = SlamSettings(
-        **{"retire_after": 2, "stale_disparity": 0.05, "pixel_variance": pixel_variance, **changes}
-    )
+    usual = {"retire_after": 2, "rest_after_rejection": 2, "stale_disparity": 0.05}
+    settings = SlamSettings(**{**usual, "pixel_variance": pixel_variance, **changes})
     filter_ = RobocentricFilter(settings, drive.camera)
     dense = DenseRobocentricFilter(settings, drive.camera)
     rejected = copied = 0

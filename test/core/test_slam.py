@@ -260,6 +260,33 @@ def test_a_frozen_frame_begins_its_tracks_anew():
     assert not any(step.frozen for step in play(off, PREDICTIONS, frozen))
 
 
+def frames_with(disturbed):
+    """The features, in frame 6 and later with the pixels of some landmarks moved across."""
+    return [
+        (stamp, ids, pixels + np.float32(40.0) * np.isin(ids, disturbed)[:, None])
+        if k >= 6
+        else (stamp, ids, pixels)
+        for k, (stamp, ids, pixels) in enumerate(FEATURES)
+    ]
+
+
+def test_a_landmark_that_is_rejected_rests_and_the_others_go_on():
+    # One that is first seen in frame 5 and last in frame 10.
+    steps = play(session(rest_after_rejection=3), features=frames_with(FEATURES[5][1][-1:]))
+    assert steps[6].rejected == EXPECTED[6].rejected + 1
+    left_out = [step.observed - step.used - step.rejected - step.admitted for step in steps]
+    assert left_out[6:] == [0, 1, 1, 1, 0, 0]
+    # What is left out counts as observed.
+    assert [step.observed for step in steps] == [step.observed for step in EXPECTED]
+
+
+def test_an_estimate_that_most_landmarks_contradict_is_mended_by_them():
+    steps = play(session(), features=frames_with(FEATURES[5][1]))
+    assert steps[6].rejected > steps[6].used
+    assert steps[7].admitted > 0.5 * steps[7].observed
+    assert steps[8].used > 0.5 * steps[8].observed
+
+
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 0.7, 1.0])
 def test_a_share_of_the_tracks_is_chosen_by_id(fraction):
     ids = np.arange(20000, dtype=np.uint32)

@@ -115,7 +115,7 @@ def test_pixels_of_before_a_gap_are_no_copies():
 
 def test_a_rejected_point_begins_anew_when_seen_again(tracks):
     _, first = observe(tracks, {1: 100, 2: 200})
-    tracks.restart(np.array([first[1]]))
+    tracks.restart(np.array([first[1]]), rest=True)
     frame, second = observe(tracks, {1: 101, 2: 201})
     assert second[1] != first[1]
     assert second[2] == first[2]
@@ -124,8 +124,45 @@ def test_a_rejected_point_begins_anew_when_seen_again(tracks):
 
 def test_rejected_tracks_still_tell_a_frozen_frame(tracks):
     _, first = observe(tracks, {1: 100, 2: 200})
-    tracks.restart(np.array(list(first.values())))
+    tracks.restart(np.array(list(first.values())), rest=True)
     assert observe(tracks, {1: 100, 2: 200})[0].frozen
+
+
+@pytest.fixture
+def resting_tracks():
+    """Track 1 of three is to rest for two frames."""
+    tracks = Tracks(retire_after=1, frozen_share=0.5, rest_after_rejection=2)
+    _, first = observe(tracks, {1: 100, 2: 200, 3: 300})
+    tracks.restart(np.array([first[1]]), rest=True)
+    return tracks
+
+
+def test_a_rejected_track_is_left_out_while_it_rests(resting_tracks):
+    for k in (1, 2):
+        frame, keys = observe(resting_tracks, {1: 100 + k, 2: 200 + k, 3: 300 + k})
+        assert sorted(keys) == [2, 3]
+        assert sorted(frame.pixels[:, 0]) == [200 + k, 300 + k]
+    _, keys = observe(resting_tracks, {1: 103, 2: 203, 3: 303})
+    assert sorted(keys) == [1, 2, 3]
+    assert resting_tracks.identity(np.array([keys[1]]))[1] == [1]
+
+
+def test_a_resting_track_that_jumps_to_another_point_begins_there(resting_tracks):
+    frame, keys = observe(resting_tracks, {1: 100, 2: 200, 3: 301})
+    assert frame.frozen
+    assert sorted(keys) == [1, 2, 3]
+    assert frame.copied.tolist() == [key in (keys[1], keys[2]) for key in frame.keys.tolist()]
+
+
+def test_an_id_that_comes_back_has_rested_enough(resting_tracks):
+    observe(resting_tracks, {2: 201, 3: 301})
+    assert sorted(observe(resting_tracks, {1: 102, 2: 202, 3: 302})[1]) == [1, 2, 3]
+
+
+def test_a_track_rests_only_where_it_is_told_to(resting_tracks):
+    _, keys = observe(resting_tracks, {1: 101, 2: 201, 3: 301})
+    resting_tracks.restart(np.array([keys[2]]), rest=False)
+    assert sorted(observe(resting_tracks, {1: 102, 2: 202, 3: 302})[1]) == [2, 3]
 
 
 def test_an_empty_frame_is_a_frame(tracks):

@@ -223,6 +223,11 @@ class SlamSettings(MotionSettings):
         "A landmark unseen for this many feature frames leaves the dense block and its track",
         minimum=1,
     )
+    rest_after_rejection: int = setting(
+        20,
+        "Feature frames for which a track whose observation was rejected is left out",
+        minimum=0,
+    )
     track_continuity: bool = setting(
         True,
         "Find frozen frames, which repeat the last pixels while the body moves, and begin the "

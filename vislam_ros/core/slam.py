@@ -185,7 +185,9 @@ class Slam:
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
         self._tracks = Tracks(
-            settings.retire_after, settings.frozen_share if settings.track_continuity else None
+            settings.retire_after,
+            settings.frozen_share if settings.track_continuity else None,
+            settings.rest_after_rejection,
         )
 
     @property
@@ -355,7 +357,8 @@ class Slam:
         )
         outcome = self._estimator.step(increment, tracked)
         if self._given_map is None:
-            self._tracks.restart(outcome.rejected)
+            # Where most are contradicted it is the estimate that is wrong, and they can mend it.
+            self._tracks.restart(outcome.rejected, rest=len(outcome.rejected) < outcome.used)
         if self._record:
             self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp
@@ -382,7 +385,7 @@ class Slam:
             T_map_odom=T @ se3.inverse(path.pose(frame.stamp)),
             first_of_pass=first,
             frozen=tracked.frozen,
-            observed=len(tracked.keys),
+            observed=len(frame.ids),
             used=outcome.used,
             rejected=len(outcome.rejected),
             admitted=outcome.admitted,

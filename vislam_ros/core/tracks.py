@@ -5,8 +5,10 @@
 A track's id is not enough to know a point. When a tracker repeats a whole frame's pixels while
 the body moves (a frozen frame), it goes on from the stale pixels afterwards, so every repeated
 track stands for another point from then on. Such a track, one that was unseen for a while, and
-one whose observation was rejected, begins anew under the same id. Each physical point gets a key
-of its own, counted from 0 in the order of first appearance; the filters know only keys.
+one whose observation was rejected, begins anew under the same id. The last one rests before: what
+slides over the scene goes on to do so, and each time that it began anew it would be believed for
+a frame or two. Each physical point gets a key of its own, counted from 0 in the order of first
+appearance; the filters know only keys.
 """
 
 from collections.abc import Callable
@@ -58,16 +60,23 @@ class Tracks:
         Frames without an observation after which a track ends.
     frozen_share : float or None
         Share of repeated tracks above which a frame is frozen; None never finds any.
+    rest_after_rejection : int
+        Frames for which a track whose observation was rejected is left out, unless it comes to
+        stand for another point before.
     """
 
-    def __init__(self, retire_after: int, frozen_share: float | None):
+    def __init__(
+        self, retire_after: int, frozen_share: float | None, rest_after_rejection: int = 0
+    ):
         self._retire_after = retire_after
         self._frozen_share = frozen_share
+        self._rest_after_rejection = rest_after_rejection
         # The live tracks, by increasing id.
         self._ids = np.empty(0, dtype=np.uint32)
         self._keys = np.empty(0, dtype=np.int64)
         self._pixels = np.empty((0, 4), dtype=np.float32)
         self._unseen = np.empty(0, dtype=np.int64)
+        self._rest = np.empty(0, dtype=np.int64)
         # Of every key ever given.
         self._id_of_key: list[NDArray[np.uint32]] = [np.empty(0, dtype=np.uint32)]
         self._generation_of_key: list[NDArray[np.uint32]] = [np.empty(0, dtype=np.uint32)]
@@ -116,8 +125,8 @@ class Tracks:
         if np.any(ids[1:] < ids[:-1]):
             order = np.argsort(ids)
             ids, pixels = ids[order], pixels[order]
-        keys, copied, in_last_frame, found = _continued(
-            ids, pixels, self._ids, self._keys, self._pixels, self._unseen
+        keys, copied, in_last_frame, found, rest = _continued(
+            ids, pixels, self._ids, self._keys, self._pixels, self._unseen, self._rest
         )
         frozen = (
             self._frozen_share is not None
@@ -127,16 +136,17 @@ class Tracks:
         if not frozen:
             copied[:] = False
         ended = [keys[copied]]
-        fresh = (keys == NO_KEY) | copied
+        rest[copied] = 0
+        fresh = ((keys == NO_KEY) & (rest == 0)) | copied
         keys[fresh] = self._new_keys(ids[fresh])
 
         self._unseen += 1
         missing = np.flatnonzero(~found)
         lost = self._unseen[missing] >= self._retire_after
         ended.append(self._keys[missing[lost]])
-        self._store(ids, keys, pixels, missing[~lost])
+        self._store(ids, keys, pixels, np.maximum(rest - 1, 0), missing[~lost])
         all_ended = np.concatenate(ended)
-        by_key = np.argsort(keys)
+        by_key = np.argsort(keys)[np.count_nonzero(keys == NO_KEY) :]
         return TrackedFrame(
             keys=keys[by_key],
             pixels=pixels[by_key].astype(float),
@@ -145,16 +155,19 @@ class Tracks:
             frozen=frozen,
         )
 
-    def restart(self, keys: Keys) -> None:
-        """End points whose observation was rejected; their ids begin anew when next seen."""
+    def restart(self, keys: Keys, *, rest: bool) -> None:
+        """End points whose observation was rejected; their ids begin anew, if told after a rest."""
         if len(keys):
-            self._keys[among(self._keys, keys)] = NO_KEY
+            rejected = among(self._keys, keys)
+            self._keys[rejected] = NO_KEY
+            self._rest[rejected] = self._rest_after_rejection if rest else 0
 
     def _store(
         self,
         ids: NDArray[np.uint32],
         keys: Keys,
         pixels: NDArray[np.float32],
+        rest: NDArray[np.int64],
         waiting: NDArray[np.int64],
     ) -> None:
         """Keep what is seen, and of what is not the tracks that may come back."""
@@ -163,10 +176,13 @@ class Tracks:
             ids = np.concatenate([ids, self._ids[waiting]])
             keys = np.concatenate([keys, self._keys[waiting]])
             pixels = np.concatenate([pixels, self._pixels[waiting]])
+            rest = np.concatenate([rest, self._rest[waiting]])
             unseen = np.concatenate([unseen, self._unseen[waiting]])
             order = np.argsort(ids)
-            ids, keys, pixels, unseen = ids[order], keys[order], pixels[order], unseen[order]
-        self._ids, self._keys, self._pixels, self._unseen = ids, keys, pixels, unseen
+            ids, keys, pixels, rest = ids[order], keys[order], pixels[order], rest[order]
+            unseen = unseen[order]
+        self._ids, self._keys, self._pixels = ids, keys, pixels
+        self._rest, self._unseen = rest, unseen
 
     def _new_keys(self, ids: NDArray[np.uint32]) -> Keys:
         """Give each of these ids its next physical point."""
@@ -182,8 +198,8 @@ class Tracks:
 
 
 @compiled(
-    "Tuple((int64[::1], boolean[::1], boolean[::1], boolean[::1]))(uint32[:], float32[:, :],"
-    " uint32[:], int64[:], float32[:, :], int64[:])"
+    "Tuple((int64[::1], boolean[::1], boolean[::1], boolean[::1], int64[::1]))(uint32[:],"
+    " float32[:, :], uint32[:], int64[:], float32[:, :], int64[:], int64[:])"
 )
 def _continued(
     ids: NDArray[np.uint32],
@@ -192,7 +208,8 @@ def _continued(
     table_keys: Keys,
     table_pixels: NDArray[np.float32],
     table_unseen: NDArray[np.int64],
-) -> tuple[Keys, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    table_rest: NDArray[np.int64],
+) -> tuple[Keys, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.int64]]:
     """Find a frame's ids in the table; both are in increasing order.
 
     Returns
@@ -203,11 +220,14 @@ def _continued(
         Whether an id was in the last frame, and there at these very pixels.
     found : ndarray of bool, (m,)
         Which rows of the table have their ids in the frame.
+    rest : ndarray of int64, (n,)
+        Frames for which each id's observations are still left out.
     """
     keys = np.empty(len(ids), dtype=np.int64)
     copied = np.zeros(len(ids), dtype=np.bool_)
     in_last_frame = np.zeros(len(ids), dtype=np.bool_)
     found = np.zeros(len(table_ids), dtype=np.bool_)
+    rest = np.zeros(len(ids), dtype=np.int64)
     row = 0
     for i in range(len(ids)):
         keys[i] = NO_KEY
@@ -216,8 +236,9 @@ def _continued(
         if row < len(table_ids) and table_ids[row] == ids[i]:
             found[row] = True
             keys[i] = table_keys[row]
+            rest[i] = table_rest[row]
             in_last_frame[i] = table_unseen[row] == 0
             copied[i] = in_last_frame[i]
             for k in range(4):
                 copied[i] = copied[i] and pixels[i, k] == table_pixels[row, k]
-    return keys, copied, in_last_frame, found
+    return keys, copied, in_last_frame, found, rest
