@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 
 # Half a minute at 10 Hz; the level told counts as the first few frames.
 _MEMORY = 300
-_PRIOR_FRAMES = 30
+_PRIOR_FRAMES = 25
 # First tracks whose rows tell where to begin.
 _ENOUGH_ROWS = 20
 # The largest change of the level's logarithm in a frame, and its bounds: a hundredth and a hundred

@@ -156,7 +156,7 @@ class Tracks:
         )
 
     def restart(self, keys: Keys, *, rest: bool) -> None:
-        """End points whose observation was rejected; their ids begin anew, if told after a rest."""
+        """End points whose observation was rejected; told so, their ids rest before."""
         if len(keys):
             rejected = among(self._keys, keys)
             self._keys[rejected] = NO_KEY
