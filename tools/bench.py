@@ -11,7 +11,7 @@
      and, with what is too slow for that, over its first steps
   f  consistency (NEES) and optimality (ATE beside the batch optimum's) on simulated drives
   g  the errors of a drive's disparities: their size, and how little they change along a track
-  h  consistency on drives simulated along a drive's reference, with its noise, beside its own
+  h  consistency on a drive, and on the same with the noise of its tracks and twists drawn anew
 
 BLAS has one thread. Times are processor time of the thread that works, so that others on the
 machine disturb them less; what is compared is measured in turn.
@@ -38,10 +38,10 @@ from vislam_ros.data.benchmark.consistency import CELLS, SMALL_DISPARITY, MonteC
 from vislam_ros.data.benchmark.drive_times import solve_as_command, solve_here
 from vislam_ros.data.benchmark.gtsam_runs import gtsam_is_installed
 from vislam_ros.data.benchmark.machine import describe_machine
+from vislam_ros.data.benchmark.noise_redrawn import redraw
 from vislam_ros.data.benchmark.peer_comparison import PeerComparison
 from vislam_ros.data.benchmark.recorded_drive import first_steps
 from vislam_ros.data.benchmark.report_table import print_report
-from vislam_ros.data.benchmark.retraced import retrace
 from vislam_ros.data.benchmark.track_errors import disparity_errors
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.loading import load_drive
@@ -179,7 +179,7 @@ def _measure_drive(
         if reference is None:
             return
         if "h" in arguments.only:
-            report["retraced"] = retrace(
+            report["redrawn"] = redraw(
                 drive,
                 reference,
                 parameters.slam,

@@ -93,8 +93,10 @@ def first_steps(drive: Drive, count: int) -> Drive:
     )
 
 
-def twist_errors(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:
-    """Measured twists (n, 6) less those of a reference, metres and radians a second.
+def twist_errors(
+    drive: Drive, reference: Trajectory
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Which twists (n,) a reference knows, and how far they are off (n, 6), m/s and rad/s.
 
     Parameters
     ----------
@@ -109,12 +111,13 @@ def twist_errors(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:
     T = reference.T_world_body
     tau = np.diff(drive.twist_stamps)[k] / NANOSECONDS
     moved = se3.log(se3.inverse(T[i]) @ T[i + 1]) / tau[:, None]
-    return np.asarray(drive.twists[k + 1] - moved)
+    return k + 1, drive.twists[k + 1] - moved
 
 
 def given_gyro_bias(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:
     """Bias (3,) that the angular velocities have on average against a reference, rad/s."""
-    return np.asarray(np.mean(twist_errors(drive, reference)[:, 3:], axis=0))
+    _, errors = twist_errors(drive, reference)
+    return np.asarray(np.mean(errors[:, 3:], axis=0))
 
 
 def _twist_times(drive: Drive) -> Trajectory:

@@ -111,8 +111,8 @@ _TABLES: dict[str, tuple[str, _Columns]] = {
             ("later_px", "in five [px]", "{:.2f}"),
         ),
     ),
-    "retraced": (
-        "Consistency along the drive's reference, means over the seeds",
+    "redrawn": (
+        "Consistency on the drive with its noise drawn anew, means over the seeds",
         (
             ("name", "", "{}"),
             ("drives", "drives", "{}"),

@@ -19,8 +19,8 @@ from vislam_ros.core import se3
 from vislam_ros.core.camera import StereoCamera
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
-from vislam_ros.core.warp import warp
 from vislam_ros.data.benchmark.recorded_drive import record
+from vislam_ros.data.benchmark.track_points import BY_POINT, fitted_point
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.solving import smoothed_trajectory
 
@@ -33,10 +33,8 @@ BOUNDS = (0.0, 5.0, 10.0, 20.0, 60.0)
 _LATER = 5
 # Its disparity must be known so well from its parallax, and its left pixels must fit, pixels.
 _KNOWN, _FITS = 0.4, 1.0
-_LEFT = np.array([0, 2])
-_ITERATIONS = 5
-# Holds the disparity of a point without parallax, 1 / pixels; such a track is then left out.
-_WEAK = 0.01
+# The right pixel has no part in where the point is.
+_LEFT = np.array([1.0, 0.0, 1.0])
 
 
 def disparity_errors(
@@ -91,25 +89,16 @@ def disparity_errors(
 
 def _errors(camera: StereoCamera, poses: Array, y: Array) -> Array | None:
     """Errors (n,) of the disparities of image points (n, 3); None where they are not known."""
-    motions = se3.inverse(poses[0]) @ poses
-    by_point = np.array([1.0, -1.0, 0.0])
-    point = y[0]
-    for _ in range(_ITERATIONS):
-        warped = warp(camera, np.tile(point, (len(motions), 1)), motions)
-        if not warped.ahead.all():
-            return None
-        expected = warped.y
-        left = (y - expected)[:, _LEFT]
-        rows = warped.F_y[:, _LEFT].reshape(-1, 3)
-        J = np.concatenate([rows, _WEAK * by_point[None]])
-        r = np.append(left.ravel(), _WEAK * by_point @ (y[0] - point))
-        point = point + np.linalg.lstsq(J, r, rcond=None)[0]
+    fitted = fitted_point(camera, se3.inverse(poses[0]) @ poses, y, _LEFT)
+    if fitted is None:
+        return None
+    left = (y - fitted.expected)[:, _LEFT > 0]
     fit = float(np.sqrt(np.mean(left**2)))
-    variance = by_point @ np.linalg.solve(J.T @ J, by_point)
+    variance = BY_POINT @ np.linalg.solve(fitted.information, BY_POINT)
     known = max(fit, 0.2) * float(np.sqrt(variance))
     if fit > _FITS or known > _KNOWN:
         return None
-    error: Array = (y - expected) @ by_point
+    error: Array = (y - fitted.expected) @ BY_POINT
     return error
 
 
