@@ -45,7 +45,8 @@ def test_the_noise_is_found(noise):
 
 def test_what_slides_keeps_its_pixels_and_all_else_gets_others(noise, drive, drawn):
     same = np.all(drawn.pixels == drive.pixels, axis=1)
-    assert noise.redrawn_share == pytest.approx(1 - SETTINGS.outlier_share, abs=0.02)
+    # Those that slide for a few frames only may pass for noise.
+    assert 1 - SETTINGS.outlier_share - 0.01 < noise.redrawn_share < 0.998
     assert 1 - np.mean(same) == pytest.approx(noise.redrawn_share, abs=0.01)
 
 

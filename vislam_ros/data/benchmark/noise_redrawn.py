@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, median_abs_deviation
+from scipy.stats import median_abs_deviation
 
 from vislam_ros.core import se3
 from vislam_ros.core.observation import StereoObservation
@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 _STANDING = 0.02
 # Tracks at least this long tell the noise of the pixels, if it is not so many times the usual.
 _LONG, _UNUSUAL = 5, 3.0
-# One track in a thousand is taken for one that fits no point, though it does.
-_FITS = 0.999
+# A track whose errors are so many times as large as the noise fits no point.
+_GROSS = 5.0
 
 _EACH_PIXEL = np.array([0, 2, 1, 2])  # u_left, v_left, u_right, v_right of (u_left, u_right, v)
 
@@ -78,7 +78,7 @@ class NoiseRedrawn:
     gyro_bias : ndarray, (3,)
         Mean error of the angular velocities, rad/s.
     redrawn_share : float
-        Of the observations.
+        Of the observations: those of tracks that fit a point.
     """
 
     def __init__(self, drive: Drive, reference: Trajectory, slam_settings: SlamSettings):
@@ -91,7 +91,7 @@ class NoiseRedrawn:
         self._tracks = _tracks(drive, reference, slam_settings)
         self.pixel_std = _pixel_std(self._tracks)
         errors, freedom = np.array([(t.square_error, t.freedom) for t in self._tracks]).T
-        self._fits = errors < self.pixel_std**2 * chi2.ppf(_FITS, freedom)
+        self._fits = errors < (_GROSS * self.pixel_std) ** 2 * freedom
         observations = sum(len(self._tracks[i].rows) for i in np.flatnonzero(self._fits))
         self.redrawn_share = observations / len(drive.pixels)
 
