@@ -5,10 +5,11 @@ import pytest
 
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.benchmark.noise_redrawn import NoiseRedrawn, redraw
-from vislam_ros.data.benchmark.recorded_drive import twist_errors
+from vislam_ros.data.benchmark.recorded_drive import first_steps, twist_errors
 from vislam_ros.data.evaluation import compare
 from vislam_ros.data.simulation import SimulationSettings, simulate
 from vislam_ros.data.solving import covariances_of, solve
+from vislam_ros.errors import VislamError
 
 SETTINGS = SimulationSettings(
     steps=200,
@@ -78,6 +79,11 @@ def test_the_new_noise_is_as_large_as_the_old_and_independent_of_it(drive, drawn
 def test_twists_stay_where_only_pixels_are_drawn(noise, drive):
     drawn = noise.draw(np.random.default_rng(0), twists=False)
     np.testing.assert_array_equal(drawn.twists, drive.twists)
+
+
+def test_a_drive_whose_tracks_are_too_short_to_tell_is_refused(drive):
+    with pytest.raises(VislamError, match="simulated: no track of 5 frames"):
+        NoiseRedrawn(first_steps(drive, 3), drive.ground_truth, SlamSettings())
 
 
 def test_the_drive_stands_beside_the_means_of_the_others(drive):

@@ -31,6 +31,7 @@ from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation import associate
 from vislam_ros.data.solving import Solution, covariances_of, solve
 from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 
@@ -69,6 +70,11 @@ class NoiseRedrawn:
     slam_settings : SlamSettings
         How frozen steps are found.
 
+    Raises
+    ------
+    VislamError
+        Where the drive has no track that fits the reference's motion.
+
     Attributes
     ----------
     pixel_std : float
@@ -89,7 +95,7 @@ class NoiseRedrawn:
         self.twist_std: Array = white.reshape(2, 3).min(axis=1) / np.sqrt(2.0)
         self.gyro_bias: Array = np.mean(self._twist_errors[:, 3:], axis=0)
         self._tracks = _tracks(drive, reference, slam_settings)
-        self.pixel_std = _pixel_std(self._tracks)
+        self.pixel_std = _pixel_std(drive.name, self._tracks)
         errors, freedom = np.array([(t.square_error, t.freedom) for t in self._tracks]).T
         self._fits = errors < (_GROSS * self.pixel_std) ** 2 * freedom
         observations = sum(len(self._tracks[i].rows) for i in np.flatnonzero(self._fits))
@@ -245,9 +251,14 @@ def _poses(drive: Drive, reference: Trajectory) -> Array:
     return poses
 
 
-def _pixel_std(tracks: Sequence[_Track]) -> float:
+def _pixel_std(drive_name: str, tracks: Sequence[_Track]) -> float:
     """White noise of each pixel, of the tracks that are long and not unusual."""
     long_ones = [t for t in tracks if len(t.rows) >= _LONG and np.isfinite(t.square_error)]
+    if not long_ones:
+        raise VislamError(
+            f"{drive_name}: no track of {_LONG} frames fits the reference's motion: "
+            "is it the reference of this drive?"
+        )
     of_long = np.array([(t.square_error, t.freedom) for t in long_ones])
     mean_squares = of_long[:, 0] / of_long[:, 1]
     usual = of_long[mean_squares < _UNUSUAL * np.median(mean_squares)]
