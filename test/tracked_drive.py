@@ -83,7 +83,7 @@ def run(
     for k, increment in enumerate(increments(drive, settings)):
         frame = tracks.observe(*drive.frame(k), motion_expected=lambda moved=k > 0: moved)
         outcome = estimator.step(increment, frame)
-        tracks.restart(outcome.rejected, rest=len(outcome.rejected) < outcome.used)
+        tracks.restart(outcome.rejected, rest=outcome.agrees_with_most)
         yield increment, frame, outcome
 
 

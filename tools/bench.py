@@ -224,7 +224,7 @@ def _drive_files(arguments: argparse.Namespace, folder: Path) -> tuple[Path, Pat
 
 
 def _seeds(arguments: argparse.Namespace) -> range:
-    """Seeds of the simulated drives of f and h."""
+    """Seeds of f and h."""
     return range(min(arguments.seeds, 2) if arguments.quick else arguments.seeds)
 
 

@@ -21,6 +21,11 @@ from vislam_ros.core import se3
 Array = NDArray[np.float64]
 
 
+def pixels_of(y: Array) -> Array:
+    """Pixels ``u_left, v_left, u_right, v_right`` (..., 4) of image points (..., 3)."""
+    return y[..., [0, 2, 1, 2]]
+
+
 @dataclass(frozen=True)
 class StereoCamera:
     """Calibration of a rectified stereo pair on a body.

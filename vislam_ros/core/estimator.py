@@ -36,6 +36,11 @@ class Outcome:
     nis: float = 0.0
     nis_dof: int = 0
 
+    @property
+    def agrees_with_most(self) -> bool:
+        """Whether more was used than rejected; where not, it is the estimate that is wrong."""
+        return len(self.rejected) < self.used
+
 
 class Estimator(Protocol):
     """A filter: it is told of motions and frames, and can be asked for its estimate."""

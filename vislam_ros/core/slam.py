@@ -357,8 +357,8 @@ class Slam:
         )
         outcome = self._estimator.step(increment, tracked)
         if self._given_map is None:
-            # Where most are contradicted it is the estimate that is wrong, and they can mend it.
-            self._tracks.restart(outcome.rejected, rest=len(outcome.rejected) < outcome.used)
+            # What contradicts a wrong estimate can mend it.
+            self._tracks.restart(outcome.rejected, rest=outcome.agrees_with_most)
         if self._record:
             self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp

@@ -14,6 +14,8 @@ Keys = NDArray[np.int64]
 class TrackedFrame:
     """One features message, its observations told apart by physical point.
 
+    Those of tracks that rest after a rejection are left out.
+
     Attributes
     ----------
     keys : ndarray of int64, (n,)

@@ -35,9 +35,20 @@ def associate(
 ) -> tuple[Indices, Indices]:
     """Match each pose of the shorter trajectory to the pose of the longer one nearest in time.
 
+    As :func:`associate_stamps` does with their stamps.
+    """
+    return associate_stamps(reference.stamps, estimate.stamps, max_difference)
+
+
+def associate_stamps(
+    reference: Indices, estimate: Indices, max_difference: float = MAX_DIFFERENCE
+) -> tuple[Indices, Indices]:
+    """Match each stamp of the fewer ones to that of the others nearest in time.
+
     Parameters
     ----------
-    reference, estimate : Trajectory
+    reference, estimate : ndarray of int64, (N,) and (M,)
+        Nanoseconds, strictly increasing.
     max_difference : float
         Largest distance in time, seconds.
 
@@ -49,12 +60,12 @@ def associate(
     Raises
     ------
     VislamError
-        Where fewer than two poses match.
+        Where fewer than two match.
     """
     if len(estimate) > len(reference):
-        short, long = reference.stamps, estimate.stamps
+        short, long = reference, estimate
     else:
-        short, long = estimate.stamps, reference.stamps
+        short, long = estimate, reference
     after = np.minimum(np.searchsorted(long, short, side="right"), len(long) - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(np.abs(long[after] - short) < np.abs(short - long[before]), after, before)

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core import se3
-from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.camera import StereoCamera, pixels_of
 from vislam_ros.core.settings import setting
 from vislam_ros.data.dataset import nanoseconds
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulated_motion import drive_poses, in_first_pose
 from vislam_ros.data.sparse_features import image_size_that_holds
-from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
+from vislam_ros.data.trajectory import NANOSECONDS, Trajectory, moving_steps
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
@@ -47,7 +47,6 @@ _MIN_DEPTH = 2.0  # metres
 _MEDIAN_DISPARITY, _LOG_DISPARITY_STD = 7.15, 0.75  # pixels, 1
 _HALF_ROAD = 4.0  # metres to either side where nothing stands
 _CAMERA_HEIGHT = 1.65  # metres
-_STANDING = 0.02  # metres a step
 # A track that jumps to another point at a frozen step finds it at nearly the same disparity.
 _LOG_JUMP_STD = 0.02
 
@@ -161,8 +160,7 @@ def simulate(settings: SimulationSettings, along: Trajectory | None = None) -> S
     twists = se3.log(se3.inverse(T_world_body[:-1]) @ T_world_body[1:]) / tau[:, None]
     true_twists = np.concatenate([twists[:1], twists])
 
-    moving = np.linalg.norm(np.diff(T_world_body[:, :3, 3], axis=0), axis=1) > _STANDING
-    moving = np.concatenate([[False], moving])
+    moving = moving_steps(T_world_body)
     frozen = _frozen_steps(moving, settings, schedule_rng)
     births = _births(moving, frozen, settings, schedule_rng)
 
@@ -310,7 +308,7 @@ class _Tracker:
         tracks.image_points = y
         noise = self.settings.pixel_noise_std * self.rng.standard_normal((len(y), 4))
         noise[:, 2] += tracks.offsets
-        tracks.pixels = (y[:, [0, 2, 1, 2]] + noise).astype(np.float32)
+        tracks.pixels = (pixels_of(y) + noise).astype(np.float32)
 
     def _in_view(self, T_world_camera: Array, points: Array) -> NDArray[np.bool_]:
         points_camera = _transform(se3.inverse(T_world_camera), points)

@@ -14,6 +14,9 @@ from vislam_ros.errors import VislamError
 
 NANOSECONDS = 1_000_000_000
 
+# A body that moves by no more than this in a step stands, metres.
+_STANDING = 0.02
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -51,6 +54,15 @@ class Trajectory:
             np.array(T_world_body[:, :3, 3]),
             se3.quaternion_from_rotation(T_world_body[:, :3, :3]),
         )
+
+
+def moving_steps(T_world_body: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell whether a body has moved to each of its poses (n, 4, 4); to the first it has not.
+
+    A step to or from a pose that is not known, NaN, counts as motion.
+    """
+    way = np.linalg.norm(np.diff(T_world_body[:, :3, 3], axis=0), axis=1)
+    return np.concatenate([[False], ~(way <= _STANDING)])
 
 
 def stamp_text(stamp: int) -> str:

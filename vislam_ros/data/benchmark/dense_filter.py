@@ -11,6 +11,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from vislam_ros.core import se3
+from vislam_ros.core.camera import pixels_of
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.data.benchmark.interleaving import cpu_clock
@@ -41,7 +42,7 @@ class DenseFilter:
         y = np.column_stack([u, u - disparity, v])
         T = CAMERA.T_body_camera
         self._means: Array = CAMERA.triangulate(y) @ T[:3, :3].T + T[:3, 3]
-        self._pixels = y[:, [0, 2, 1, 2]]
+        self._pixels = pixels_of(y)
         self._observation = StereoObservation(CAMERA, (1.0, 1.0, 1.0, 1.0))
         self._T_world_body = np.eye(4)
         self._increment = Increment(np.eye(4), 0.1, 1e-6 * np.eye(6))

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
 from vislam_ros.core import se3
+from vislam_ros.core.camera import pixels_of
 from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.tracks import Tracks
@@ -28,21 +29,17 @@ from vislam_ros.data.benchmark.consistency import judged, std_error
 from vislam_ros.data.benchmark.recorded_drive import twist_errors
 from vislam_ros.data.benchmark.track_points import fitted_point, moved_points
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.evaluation import associate
+from vislam_ros.data.evaluation import associate_stamps
 from vislam_ros.data.solving import Solution, covariances_of, solve
-from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.trajectory import Trajectory, moving_steps
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 
-# A body that moves by less in a step stands, metres.
-_STANDING = 0.02
 # Tracks at least this long tell the noise of the pixels, if it is not so many times the usual.
 _LONG, _UNUSUAL = 5, 3.0
 # A track whose errors are so many times as large as the noise fits no point.
 _GROSS = 5.0
-
-_EACH_PIXEL = np.array([0, 2, 1, 2])  # u_left, v_left, u_right, v_right of (u_left, u_right, v)
 
 
 @dataclass(frozen=True)
@@ -94,21 +91,20 @@ class NoiseRedrawn:
         white = median_abs_deviation(np.diff(self._twist_errors, axis=0), scale="normal")
         self.twist_std: Array = white.reshape(2, 3).min(axis=1) / np.sqrt(2.0)
         self.gyro_bias: Array = np.mean(self._twist_errors[:, 3:], axis=0)
-        self._tracks = _tracks(drive, reference, slam_settings)
+        self._observation = StereoObservation(drive.camera, (1.0,) * 4)
+        self._tracks = _tracks(drive, reference, slam_settings, self._observation)
         self.pixel_std = _pixel_std(drive.name, self._tracks)
-        errors, freedom = np.array([(t.square_error, t.freedom) for t in self._tracks]).T
-        self._fits = errors < (_GROSS * self.pixel_std) ** 2 * freedom
-        observations = sum(len(self._tracks[i].rows) for i in np.flatnonzero(self._fits))
-        self.redrawn_share = observations / len(drive.pixels)
+        redrawn = sum(len(track.rows) for track in self._tracks if self._fits(track))
+        self.redrawn_share = redrawn / len(drive.pixels)
 
     def draw(self, rng: np.random.Generator, *, twists: bool) -> Drive:
         """Give the drive other pixels and, if told to, other twists."""
         pixels = self._drive.pixels.astype(float)
         # In the order of beginning: what a track repeats has been drawn before it.
-        for track, fits in zip(self._tracks, self._fits, strict=True):
+        for track in self._tracks:
             if track.repeats is not None:
                 pixels[track.rows[0]] = pixels[track.repeats]
-            if fits:
+            if self._fits(track):
                 self._observe(track, pixels, rng)
         drive = dataclasses.replace(self._drive, pixels=pixels.astype(np.float32))
         if not twists:
@@ -119,17 +115,19 @@ class NoiseRedrawn:
         measured[self._twist_rows] += white - self._twist_errors
         return dataclasses.replace(drive, twists=measured)
 
+    def _fits(self, track: _Track) -> bool:
+        return track.square_error < (_GROSS * self.pixel_std) ** 2 * track.freedom
+
     def _observe(self, track: _Track, pixels: Array, rng: np.random.Generator) -> None:
         """Write other pixels of a track, but for those that it repeats."""
         noise = self.pixel_std * rng.standard_normal((len(track.rows), 4))
         point, begun_anew = track.point, track.repeats is not None
         if begun_anew:
-            u_left, v_left, u_right, v_right = pixels[track.rows[0]] - noise[0]
-            point = np.array([u_left, u_right, (v_left + v_right) / 2])
+            (point,) = self._observation.image_points(pixels[track.rows[:1]] - noise[:1])
         warped = moved_points(self._drive.camera, point, track.motions)
         if warped.ahead.all():
             seen = slice(int(begun_anew), None)
-            pixels[track.rows[seen]] = (warped.y[:, _EACH_PIXEL] + noise)[seen]
+            pixels[track.rows[seen]] = (pixels_of(warped.y) + noise)[seen]
 
 
 def redraw(
@@ -196,18 +194,22 @@ def _spread(drawn: Sequence[dict[str, float]]) -> dict[str, Any]:
     }
 
 
-def _tracks(drive: Drive, reference: Trajectory, settings: SlamSettings) -> list[_Track]:
+def _tracks(
+    drive: Drive,
+    reference: Trajectory,
+    settings: SlamSettings,
+    observation: StereoObservation,
+) -> list[_Track]:
     """All tracks, in the order of beginning, with their points where the reference tells them."""
     poses = _poses(drive, reference)
-    # A step that the reference does not know counts as motion.
-    stands = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0, prepend=0.0), axis=1) < _STANDING
+    moving = moving_steps(poses)
     table = Tracks(1, settings.frozen_share if settings.track_continuity else None)
     rows_of_key: dict[int, list[tuple[int, int]]] = {}
     last_row: dict[int, int] = {}
     repeats: dict[int, int] = {}
     for k in range(drive.steps):
         ids, pixels = drive.frame(k)
-        frame = table.observe(ids, pixels, partial(bool, not stands[k]))
+        frame = table.observe(ids, pixels, partial(bool, moving[k]))
         ids_of_keys, _ = table.identity(frame.keys)
         rows = drive.offsets[k] + np.searchsorted(ids, ids_of_keys)
         for key, i, row, copied in zip(
@@ -222,31 +224,34 @@ def _tracks(drive: Drive, reference: Trajectory, settings: SlamSettings) -> list
                 repeats[key] = last_row[i]
             last_row[i] = row
     return [
-        _track(drive, poses, np.array(seen), repeats.get(key)) for key, seen in rows_of_key.items()
+        _track(drive, poses, np.array(seen), repeats.get(key), observation)
+        for key, seen in rows_of_key.items()
     ]
 
 
 def _track(
-    drive: Drive, poses: Array, frames_and_rows: NDArray[np.int64], repeats: int | None
+    drive: Drive,
+    poses: Array,
+    frames_and_rows: NDArray[np.int64],
+    repeats: int | None,
+    observation: StereoObservation,
 ) -> _Track:
     frames, rows = frames_and_rows.T
     motions = se3.inverse(poses[frames[0]]) @ poses[frames]
     pixels = drive.pixels[rows].astype(float)
-    observation = StereoObservation(drive.camera, (1.0,) * 4)
     y, weights = observation.image_points(pixels), 1.0 / np.diag(observation.image_point_noise)
     known = np.all(np.isfinite(motions))
     fitted = fitted_point(drive.camera, motions, y, weights) if known else None
     if fitted is None:
         return _Track(rows, repeats, motions, y[0], np.inf)
-    square_error = float(np.sum((pixels - fitted.expected[:, _EACH_PIXEL]) ** 2))
+    square_error = float(np.sum((pixels - pixels_of(fitted.expected)) ** 2))
     return _Track(rows, repeats, motions, fitted.point, square_error)
 
 
 def _poses(drive: Drive, reference: Trajectory) -> Array:
     """Poses (T, 4, 4) of the reference at the drive's frames, NaN where it has none."""
     poses = np.full((drive.steps, 4, 4), np.nan)
-    anywhere = np.broadcast_to(np.eye(4), poses.shape)
-    known, frames = associate(reference, Trajectory.from_matrices(drive.feature_stamps, anywhere))
+    known, frames = associate_stamps(reference.stamps, drive.feature_stamps)
     poses[frames] = reference.T_world_body[known]
     return poses
 

@@ -16,7 +16,7 @@ from vislam_ros.core.smoothed_drive import SmoothedDrive
 from vislam_ros.data.benchmark.interleaving import cpu_clock
 from vislam_ros.data.benchmark.watched_slam import FilterStep, WatchedSlam
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.evaluation import associate
+from vislam_ros.data.evaluation import associate_stamps
 from vislam_ros.data.solving import feed, trajectory_of
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
 
@@ -105,7 +105,7 @@ def twist_errors(
     reference : Trajectory
         A step counts where it has the poses at both its ends.
     """
-    rows, twists = associate(reference, _twist_times(drive))
+    rows, twists = associate_stamps(reference.stamps, drive.twist_stamps)
     consecutive = np.flatnonzero((np.diff(rows) == 1) & (np.diff(twists) == 1))
     i, k = rows[consecutive], twists[consecutive]
     T = reference.T_world_body
@@ -118,8 +118,3 @@ def given_gyro_bias(drive: Drive, reference: Trajectory) -> NDArray[np.float64]:
     """Bias (3,) that the angular velocities have on average against a reference, rad/s."""
     _, errors = twist_errors(drive, reference)
     return np.asarray(np.mean(errors[:, 3:], axis=0))
-
-
-def _twist_times(drive: Drive) -> Trajectory:
-    n = len(drive.twist_stamps)
-    return Trajectory.from_matrices(drive.twist_stamps, np.broadcast_to(np.eye(4), (n, 4, 4)))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core import se3
-from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.camera import StereoCamera, pixels_of
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import SlamStep
 from vislam_ros.data.benchmark.interleaving import cpu_clock
@@ -78,7 +78,7 @@ class SwayingScene:
         self._replace(turnover)
         T_camera_world = se3.inverse(T @ CAMERA.T_body_camera)
         y = CAMERA.project(self._points @ T_camera_world[:3, :3].T + T_camera_world[:3, 3])
-        pixels = y[:, [0, 2, 1, 2]] + _PIXEL_STD * self._rng.standard_normal((len(y), 4))
+        pixels = pixels_of(y) + _PIXEL_STD * self._rng.standard_normal((len(y), 4))
         stamp = _FIRST_STAMP + round(self._step * _PERIOD * NANOSECONDS)
         self._step += 1
         return SceneFrame(
