@@ -82,5 +82,5 @@ $(READY): setup.py
 	@$(ENTER) $(BIN)/pip install --disable-pip-version-check --use-pep517 -e '.[$(EXTRAS)]' \
 	  >$(VENV)/pip.log 2>&1 || { cat $(VENV)/pip.log; exit 1; }
 	@# Compiles the filter's loops, so that the first node need not.
-	@$(ENTER) $(BIN)/python -c 'import vislam_ros.core.robocentric'
+	@$(ENTER) $(BIN)/python -c 'import vislam_ros.core.filters.robocentric'
 	@touch $@

@@ -9,13 +9,13 @@ never observed or moved), textbook equations and an explicit inverse: no active 
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core import se3
-from vislam_ros.core.camera import StereoCamera
-from vislam_ros.core.gating import passes_gates
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.observation import StereoObservation
+from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.observation import StereoObservation
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.tracked_frame import TrackedFrame
+from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
 

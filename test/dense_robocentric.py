@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from vislam_ros.core import se3
-from vislam_ros.core.camera import StereoCamera
-from vislam_ros.core.disparity_prior import DisparityPrior
-from vislam_ros.core.gating import passes_gates
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.motion_noise import MotionNoise
+from vislam_ros.core.noise.disparity_prior import DisparityPrior
+from vislam_ros.core.noise.motion_noise import MotionNoise
+from vislam_ros.core.noise.track_noise import TrackNoise
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.track_noise import TrackNoise
-from vislam_ros.core.tracked_frame import TrackedFrame
+from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
 # Real or complex.

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core import se3
-from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
 
 Array = NDArray[np.float64]
 

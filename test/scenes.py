@@ -8,9 +8,9 @@ import numpy as np
 from numerics import CAMERA, landmarks_ahead
 from numpy.typing import NDArray
 
-from vislam_ros.core import se3
+from vislam_ros.core.geometry import se3
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.tracked_frame import TrackedFrame
+from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
 

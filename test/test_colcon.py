@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from places import REPOSITORY
 
 from vislam_ros.cli.domain import own_domain
 
-REPOSITORY = Path(__file__).resolve().parents[1]
 EXECUTABLES = ("imu_prediction_node", "recorder_node", "slam_node", "vislam")
 
 

@@ -5,15 +5,15 @@
 import dataclasses
 import itertools
 import re
-from pathlib import Path
 
 import pytest
+from places import REPOSITORY
 
 from vislam_ros.cli.parameters import SETTINGS_OF_NODES
 from vislam_ros.core.settings import settings_from_dict
-from vislam_ros.data.parameter_file import read_parameters
+from vislam_ros.data.files.parameter_file import read_parameters
 
-CONFIG = Path(__file__).parents[1] / "config"
+CONFIG = REPOSITORY / "config"
 
 
 def names_of(cls):

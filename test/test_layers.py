@@ -1,16 +1,22 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Imports only point down, from cli to nodes to data to core; core knows neither ROS nor files."""
+"""Imports only point down, from cli to nodes to data to core; core knows neither ROS nor files.
+
+A room is a folder; a module that lies in a layer beside its rooms (``core/slam.py``) is a room of
+its own. The rooms of the whole house, and those of ``tools``, can be put in an order.
+"""
 
 import ast
+import graphlib
 import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from places import REPOSITORY
 
-PACKAGE = Path(__file__).resolve().parents[1] / "vislam_ros"
+PACKAGE = REPOSITORY / "vislam_ros"
 LAYERS = ("core", "data", "nodes", "cli")
 ROS = {
     "builtin_interfaces",
@@ -66,6 +72,35 @@ def module_names(layer: str) -> list[str]:
         for path in sources(layer)
         if path.name not in ("__init__.py", "__main__.py")
     ]
+
+
+def room_of(path: Path) -> str:
+    """Dotted name of the room that a file stands in; a package's face stands in its room."""
+    parts = path.relative_to(REPOSITORY).with_suffix("").parts
+    inside = parts[:-1] if parts[0] == "tools" or len(parts) > 3 else parts
+    return ".".join(part for part in inside if part != "__init__")
+
+
+def rooms(folder: str, prefix: str) -> dict[str, set[str]]:
+    """Each room below a folder, with the rooms that it imports; ``prefix`` is not in imports."""
+    paths = sorted((REPOSITORY / folder).rglob("*.py"))
+    home = {
+        ".".join(path.relative_to(REPOSITORY).with_suffix("").parts)
+        .removesuffix(".__init__")
+        .removeprefix(prefix): room_of(path)
+        for path in paths
+    }
+    arrows: dict[str, set[str]] = {room: set() for room in home.values()}
+    for path in paths:
+        arrows[room_of(path)].update(home[name] for name in imports(path) if name in home)
+    return {room: others - {room} for room, others in arrows.items()}
+
+
+@pytest.mark.parametrize(("folder", "prefix"), [("vislam_ros", ""), ("tools", "tools.")])
+def test_there_is_no_circle_among_rooms(folder: str, prefix: str) -> None:
+    arrows = rooms(folder, prefix)
+    assert sum(map(len, arrows.values())) > 5
+    graphlib.TopologicalSorter(arrows).prepare()
 
 
 @pytest.mark.parametrize(("position", "layer"), list(enumerate(LAYERS)))

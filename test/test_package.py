@@ -11,10 +11,9 @@ from typing import Any
 
 import pytest
 from catkin_pkg.package import parse_package
+from places import REPOSITORY
 
 import vislam_ros
-
-REPOSITORY = Path(__file__).resolve().parents[1]
 
 # The ROS packages that each wheel of the extra `ros` brings.
 ROS_WHEELS = {

@@ -8,16 +8,16 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core import se3
-from vislam_ros.core.dead_reckoning import DeadReckoning
-from vislam_ros.core.estimator import Estimator, Outcome
+from vislam_ros.core.filters.dead_reckoning import DeadReckoning
+from vislam_ros.core.filters.estimator import Estimator, Outcome
+from vislam_ros.core.geometry import se3
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.pairing import PredictedPath
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
-from vislam_ros.core.tracked_frame import TrackedFrame
-from vislam_ros.core.tracks import Tracks
+from vislam_ros.core.tracking.pairing import PredictedPath
+from vislam_ros.core.tracking.tracked_frame import TrackedFrame
+from vislam_ros.core.tracking.tracks import Tracks
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.simulation import SimulationSettings, simulate
+from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 
 
 def gappy_drive(settings: SimulationSettings, lost_share: float = 0.1) -> Drive:

@@ -28,27 +28,27 @@ from pathlib import Path
 from typing import Any
 
 import threadpoolctl
+from benchmark import step_times
+from benchmark.consistency.noise_redrawn import redraw
+from benchmark.consistency.simulated_drives import CELLS, SMALL_DISPARITY, MonteCarlo
+from benchmark.consistency.track_errors import disparity_errors
+from benchmark.drive_times import solve_as_command, solve_here
+from benchmark.machine import describe_machine
+from benchmark.peers.comparison import PeerComparison
+from benchmark.peers.gtsam_runs import gtsam_is_installed
+from benchmark.recorded_drive import first_steps
+from benchmark.report_table import print_report
 
 from vislam_ros.cli.exit_codes import FAILED, OK
 from vislam_ros.cli.parameters import RunParameters, run_parameters
 from vislam_ros.core.settings import ESTIMATORS
 from vislam_ros.core.slam import SMOOTHABLE
-from vislam_ros.data.benchmark import step_times
-from vislam_ros.data.benchmark.consistency import CELLS, SMALL_DISPARITY, MonteCarlo
-from vislam_ros.data.benchmark.drive_times import solve_as_command, solve_here
-from vislam_ros.data.benchmark.gtsam_runs import gtsam_is_installed
-from vislam_ros.data.benchmark.machine import describe_machine
-from vislam_ros.data.benchmark.noise_redrawn import redraw
-from vislam_ros.data.benchmark.peer_comparison import PeerComparison
-from vislam_ros.data.benchmark.recorded_drive import first_steps
-from vislam_ros.data.benchmark.report_table import print_report
-from vislam_ros.data.benchmark.track_errors import disparity_errors
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.files.whole_file import refuse_existing, replace_file
 from vislam_ros.data.loading import load_drive
-from vislam_ros.data.simulated_file import write_simulated
-from vislam_ros.data.simulation import SimulationSettings, simulate
+from vislam_ros.data.simulation.file import write_simulated
+from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 from vislam_ros.data.trajectory import Trajectory, read_tum
-from vislam_ros.data.whole_file import refuse_existing, replace_file
 from vislam_ros.errors import VislamError
 
 REPOSITORY = Path(__file__).resolve().parents[1]

@@ -13,23 +13,24 @@ import json
 import sys
 from pathlib import Path
 
-from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
-from vislam_ros.cli.parameters import run_parameters, shared_file
-from vislam_ros.cli.reading import read_input
-from vislam_ros.cli.screen import progress_bar
-from vislam_ros.data.drive import Drive
-from vislam_ros.data.report_experiments import (
+from report.experiments import (
     RECOMMENDED,
     TABLE_I,
     BaseSettings,
     run_experiments,
 )
-from vislam_ros.data.report_figures import FIGURES, SHOWN, draw_figure
-from vislam_ros.data.simulation import SimulationSettings, simulate
-from vislam_ros.data.sweep_plot import picture_bytes
+from report.figures import FIGURES, SHOWN, draw_figure
+
+from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
+from vislam_ros.cli.parameters import run_parameters, shared_file
+from vislam_ros.cli.reading import read_input
+from vislam_ros.cli.screen import progress_bar
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
+from vislam_ros.data.sweeps.plot import picture_bytes
+from vislam_ros.data.sweeps.worker_pool import available_cores
 from vislam_ros.data.trajectory import Trajectory, read_tum
-from vislam_ros.data.whole_file import refuse_existing, replace_file
-from vislam_ros.data.worker_pool import available_cores
 from vislam_ros.errors import VislamError
 
 # As the report's sequence: a clean twist with a gyroscope's bias, and frozen steps.

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import REPOSITORY
 
 from vislam_ros.cli.main import main
-from vislam_ros.data.result_reader import read_results
+from vislam_ros.data.results.reader import read_results
 from vislam_ros.data.trajectory import read_tum
-
-REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")

@@ -10,9 +10,9 @@ from vislam_ros import __version__
 from vislam_ros.cli import parser
 from vislam_ros.cli.main import main
 from vislam_ros.cli.parser import build_parser
-from vislam_ros.data import conventions
-from vislam_ros.data.simulation import SimulationSettings
-from vislam_ros.nodes.play_options import PlayOptions
+from vislam_ros.data.datasets import conventions
+from vislam_ros.data.simulation.simulate import SimulationSettings
+from vislam_ros.nodes.player.options import PlayOptions
 
 COMMANDS = ("simulate", "convert", "play", "run", "solve", "evaluate", "plot", "verify")
 

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from places import REPOSITORY
 
 from vislam_ros.cli import processes
 from vislam_ros.cli.domain import own_domain
@@ -17,7 +18,6 @@ from vislam_ros.cli.exit_codes import INTERRUPTED
 from vislam_ros.cli.processes import Child, Children
 from vislam_ros.errors import VislamError
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 WAIT = 30.0
 
 POLITE = """\

@@ -4,7 +4,7 @@ import numpy as np
 from numerics import difference, random_pose
 from numpy.testing import assert_allclose
 
-from vislam_ros.core import se3
+from vislam_ros.core.geometry import se3
 from vislam_ros.core.motion import Increment, process_covariance, propagate
 from vislam_ros.core.settings import MotionSettings
 

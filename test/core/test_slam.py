@@ -10,7 +10,7 @@ from numerics import CAMERA
 from numpy.testing import assert_allclose
 from scenes import passing_scene
 
-from vislam_ros.core import se3
+from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import ESTIMATORS, SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.errors import SettingsError

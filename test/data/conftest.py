@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.trajectory import Trajectory
 

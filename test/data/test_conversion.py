@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vislam_ros.data.bag_reader import read_drive
-from vislam_ros.data.conventions import Conventions
+from vislam_ros.data.bags.integrity import file_sha256, require_intact
+from vislam_ros.data.bags.reader import read_drive
 from vislam_ros.data.conversion import convert
+from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.integrity import file_sha256, require_intact
 from vislam_ros.data.loading import is_dataset, load_drive
 from vislam_ros.data.trajectory import Trajectory, read_tum, write_tum
 from vislam_ros.errors import VislamError

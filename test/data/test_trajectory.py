@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vislam_ros.core import se3
+from vislam_ros.core.geometry import se3
 from vislam_ros.data.trajectory import (
     Trajectory,
     read_tum,

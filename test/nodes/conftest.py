@@ -23,8 +23,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from vislam_ros.core import se3
-from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.nodes import conversions
 
 _counter = itertools.count()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import PointCloud2, PointField
 
-from vislam_ros.core import se3
+from vislam_ros.core.geometry import se3
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.conversions import MessageError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import Imu
 
-from vislam_ros.core import se3
-from vislam_ros.core.dead_reckoning import DeadReckoning
+from vislam_ros.core.filters.dead_reckoning import DeadReckoning
+from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.nodes import conversions, tf
 from vislam_ros.nodes.imu_prediction_node import ImuPredictionNode

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 import threadpoolctl
@@ -17,18 +16,18 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped, TwistWithCovarianceStamped
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
+from places import REPOSITORY
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from vislam_ros.core.dead_reckoning import DeadReckoning
+from vislam_ros.core.filters.dead_reckoning import DeadReckoning
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.data.trajectory import tum_line
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.qos import LATCHED, STREAM
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 WAIT = 40.0
 
 

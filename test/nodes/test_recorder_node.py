@@ -18,8 +18,9 @@ from rosbags.highlevel import AnyReader
 
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam
-from vislam_ros.data.landmark_map import read_landmarks
-from vislam_ros.data.result_reader import read_results
+from vislam_ros.data.results.landmark_map import read_landmarks
+from vislam_ros.data.results.reader import read_results
+from vislam_ros.data.results.recording import Raw
 from vislam_ros.data.trajectory import read_tum, tum_line
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions, recorder_node
@@ -33,7 +34,6 @@ from vislam_ros.nodes.recorder_node import (
     STEPS,
     RecorderNode,
 )
-from vislam_ros.nodes.recording import Raw
 from vislam_ros.nodes.slam_report import step_values
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 
-from vislam_ros.core import se3
+from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam
-from vislam_ros.data.landmark_map import write_landmarks
+from vislam_ros.data.results.landmark_map import write_landmarks
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.slam_node import SlamNode

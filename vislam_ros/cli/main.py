@@ -17,7 +17,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = build_parser().parse_args(argv)
     try:
         # Only the command that runs is imported: some bring ROS or matplotlib.
-        module = importlib.import_module(f"vislam_ros.cli.{arguments.command}")
+        module = importlib.import_module(f"vislam_ros.cli.commands.{arguments.command}")
         return int(module.run(arguments))
     except VislamError as error:
         if arguments.verbose:

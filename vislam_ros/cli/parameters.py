@@ -17,8 +17,8 @@ from vislam_ros.core.settings import (
     nearest_name,
     settings_from_dict,
 )
-from vislam_ros.data.landmark_map import read_landmarks
-from vislam_ros.data.parameter_file import node_parameters, read_parameters
+from vislam_ros.data.files.parameter_file import node_parameters, read_parameters
+from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import SettingsError
 from vislam_ros.nodes.settings import (
     PredictionNodeSettings,

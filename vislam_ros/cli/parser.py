@@ -10,10 +10,10 @@ from typing import TypeAlias
 
 from vislam_ros import __version__
 from vislam_ros.core.settings import ESTIMATORS
-from vislam_ros.nodes.play_options import PlayOptions
+from vislam_ros.nodes.player.options import PlayOptions
 
 _PLAY = PlayOptions()
-# As in vislam_ros.data.conventions, which takes longer to import than --help should.
+# As in vislam_ros.data.datasets.conventions, which takes longer to import than --help should.
 _IMU_FRAMES = ("auto", "flu", "frd", "as-given")
 _TWIST_INDICES = ("auto", "end", "start")
 _TWIST_ORIGINS = ("auto", "body", "imu")

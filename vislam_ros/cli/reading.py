@@ -6,7 +6,7 @@ import argparse
 import sys
 
 from vislam_ros.cli.screen import progress_bar
-from vislam_ros.data.conventions import Conventions
+from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.loading import load_drive
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core import se3
+from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import MotionSettings
 
 Array = NDArray[np.float64]

@@ -14,24 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vislam_ros.core import se3
-from vislam_ros.core.block_diagonal import BlockDiagonalFilter
-from vislam_ros.core.camera import StereoCamera
-from vislam_ros.core.dead_reckoning import DeadReckoningEstimator
-from vislam_ros.core.estimator import Estimator, Outcome
-from vislam_ros.core.joint import JointFilter
+from vislam_ros.core.filters.block_diagonal import BlockDiagonalFilter
+from vislam_ros.core.filters.dead_reckoning import DeadReckoningEstimator
+from vislam_ros.core.filters.estimator import Estimator, Outcome
+from vislam_ros.core.filters.joint import JointFilter
+from vislam_ros.core.filters.localization import LocalizationFilter
+from vislam_ros.core.filters.mapping import MappingFilter
+from vislam_ros.core.filters.robocentric import RobocentricFilter
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.core.localization import LocalizationFilter
-from vislam_ros.core.mapping import MappingFilter
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.pairing import PredictedPath
-from vislam_ros.core.robocentric import RobocentricFilter
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.smoothed_drive import SmoothedDrive, smoothed_drive
-from vislam_ros.core.tape import Tape
-from vislam_ros.core.time_order import Refusal, TimeOrder
-from vislam_ros.core.tracked_frame import TrackedFrame
-from vislam_ros.core.tracks import Tracks
+from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_drive
+from vislam_ros.core.smoothing.tape import Tape
+from vislam_ros.core.tracking.pairing import PredictedPath
+from vislam_ros.core.tracking.time_order import Refusal, TimeOrder
+from vislam_ros.core.tracking.tracked_frame import TrackedFrame
+from vislam_ros.core.tracking.tracks import Tracks
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from vislam_ros.data.bag_writer import check_bag_output, write_bag
-from vislam_ros.data.conventions import AS_FOUND, Conventions
-from vislam_ros.data.dataset import load_dataset
+from vislam_ros.data.bags.integrity import file_sha256
+from vislam_ros.data.bags.writer import check_bag_output, write_bag
+from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
+from vislam_ros.data.datasets.dataset import load_dataset
+from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.integrity import file_sha256
-from vislam_ros.data.sparse_features import Progress
 from vislam_ros.data.trajectory import Trajectory, read_tum
 from vislam_ros.errors import VislamError
 
@@ -37,7 +37,7 @@ def convert(
     output : Path
         The bag directory to make.
     conventions : Conventions, optional
-        See :func:`vislam_ros.data.dataset.load_dataset`.
+        See :func:`vislam_ros.data.datasets.dataset.load_dataset`.
     reference : Path, optional
         A TUM file that becomes the ground truth, cut to the dataset's time.
     force : bool

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.data.trajectory import Trajectory
 
 

@@ -5,12 +5,12 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from vislam_ros.data.bag_reader import is_bag, read_drive
-from vislam_ros.data.conventions import AS_FOUND, Conventions
-from vislam_ros.data.dataset import load_dataset
+from vislam_ros.data.bags.integrity import require_intact
+from vislam_ros.data.bags.reader import is_bag, read_drive
+from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
+from vislam_ros.data.datasets.dataset import load_dataset
+from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.integrity import require_intact
-from vislam_ros.data.sparse_features import Progress
 from vislam_ros.errors import VislamError
 
 
@@ -32,10 +32,10 @@ def load_drive(
     ----------
     path : Path
     conventions : Conventions, optional
-        For datasets, see :func:`vislam_ros.data.dataset.load_dataset`. A bag is already in this
+        For datasets, see :func:`~vislam_ros.data.datasets.dataset.load_dataset`. A bag is in this
         package's convention.
     topics : mapping of str to str, optional
-        For bags, see :func:`vislam_ros.data.bag_reader.read_drive`.
+        For bags, see :func:`vislam_ros.data.bags.reader.read_drive`.
     progress : callable, optional
         For datasets, called with the share done.
 

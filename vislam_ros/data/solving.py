@@ -9,11 +9,11 @@ import numpy as np
 import threadpoolctl
 from numpy.typing import NDArray
 
-from vislam_ros.core.dead_reckoning import DeadReckoning, Prediction
+from vislam_ros.core.filters.dead_reckoning import DeadReckoning, Prediction
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import Slam, SlamStep
-from vislam_ros.core.smoothed_drive import SmoothedDrive
+from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.trajectory import Trajectory
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core import se3
+from vislam_ros.core.geometry import se3
 from vislam_ros.errors import VislamError
 
 NANOSECONDS = 1_000_000_000

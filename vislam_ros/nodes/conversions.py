@@ -30,10 +30,10 @@ from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2, PointField
 from std_msgs.msg import Header
 
-from vislam_ros.core import se3
-from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.data.feature_cloud import FEATURE_FIELDS, pack_features, unpack_features
+from vislam_ros.data.bags.feature_cloud import FEATURE_FIELDS, pack_features, unpack_features
 from vislam_ros.data.trajectory import NANOSECONDS
 from vislam_ros.errors import VislamError
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
-from vislam_ros.core.dead_reckoning import DeadReckoning, Prediction
+from vislam_ros.core.filters.dead_reckoning import DeadReckoning, Prediction
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor, stamp_age

@@ -23,7 +23,8 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
-from vislam_ros.data.bag_layout import LATCHED_QOS, STREAM_QOS, Topic
+from vislam_ros.data.bags.layout import LATCHED_QOS, STREAM_QOS, Topic
+from vislam_ros.data.results.recording import Pose, Raw, Recording
 from vislam_ros.errors import SettingsError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.conversions import MessageError
@@ -35,7 +36,6 @@ from vislam_ros.nodes.parameters import (
     warn_of_undeclared_overrides,
 )
 from vislam_ros.nodes.qos import LATCHED, STREAM
-from vislam_ros.nodes.recording import Pose, Raw, Recording
 from vislam_ros.nodes.settings import (
     PredictionNodeSettings,
     RecorderSettings,

@@ -17,13 +17,13 @@ from nav_msgs.msg import Path as PathMessage
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from vislam_ros.core import se3
-from vislam_ros.core.camera import StereoCamera
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import SMOOTHABLE, Slam, SlamStep
-from vislam_ros.data import bag_layout
-from vislam_ros.data.landmark_map import read_landmarks
+from vislam_ros.data.bags import layout
+from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor
@@ -70,14 +70,14 @@ class SlamNode(Node):
     def _subscribe(self) -> None:
         subscribe = self.monitor.subscribe
         for part, topic, message_type in (
-            ("left", bag_layout.LEFT_CAMERA, CameraInfo),
-            ("right", bag_layout.RIGHT_CAMERA, CameraInfo),
-            ("extrinsics", bag_layout.EXTRINSICS, TransformStamped),
+            ("left", layout.LEFT_CAMERA, CameraInfo),
+            ("right", layout.RIGHT_CAMERA, CameraInfo),
+            ("extrinsics", layout.EXTRINSICS, TransformStamped),
         ):
             callback = functools.partial(self.on_calibration, part)
             subscribe(message_type, topic.name, callback, qos_profile=LATCHED)
         subscribe(Odometry, "prediction/odometry", self.on_prediction)
-        subscribe(PointCloud2, bag_layout.FEATURES.name, self.on_features)
+        subscribe(PointCloud2, layout.FEATURES.name, self.on_features)
 
     def on_calibration(self, part: str, message: CameraInfo | TransformStamped) -> None:
         """Take a part of the calibration: ``left``, ``right`` or ``extrinsics``."""

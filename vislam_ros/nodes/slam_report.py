@@ -8,8 +8,8 @@ from typing import Any
 from rclpy.node import Node
 
 from vislam_ros.core.slam import Slam, SlamStep
-from vislam_ros.data.result_writer import STEP_COLUMNS
-from vislam_ros.data.summary import StepStatistics, peak_rss_mb
+from vislam_ros.data.results.summary import StepStatistics, peak_rss_mb
+from vislam_ros.data.results.writer import STEP_COLUMNS
 from vislam_ros.nodes.diagnostics import stamp_age
 
 

@@ -1,0 +1,76 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The player as a process of its own: how it ends, and what it says."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from places import REPOSITORY
+
+from vislam_ros.cli.domain import own_domain
+
+WAIT = 60.0
+
+
+@pytest.fixture
+def start(bag):
+    """Start a player in a domain of its own."""
+    with own_domain() as domain:
+        started = []
+
+        def start(*flags):
+            environment = {
+                **os.environ,
+                "ROS_DOMAIN_ID": str(domain),
+                "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            }
+            process = subprocess.Popen(
+                [sys.executable, REPOSITORY / "tools" / "play_bag.py", bag, *flags],
+                cwd=REPOSITORY,
+                env={**environment, "PYTHONPATH": str(REPOSITORY)},
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            started.append(process)
+            return process
+
+        yield start
+        for process in started:
+            process.kill()
+            process.communicate(timeout=WAIT)
+
+
+def test_it_plays_without_anybody_and_says_so(start):
+    process = start("--rate", "0", "--wait", "0.2")
+    _, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 0, errors
+    assert "without 1 subscriber(s) of imu/twist, 1 subscriber(s) of stereo/features" in errors
+    last = errors.splitlines()[-1]
+    assert last.startswith("finished: ")
+    assert "all delivered" in last
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("flags", [("--wait", "1000"), ("--wait", "0", "--loop", "--rate", "0.5")])
+def test_a_signal_ends_it_at_once_and_without_a_traceback(start, number, flags):
+    process = start(*flags)
+    # It catches the signal from the moment in which it starts to play.
+    status = Path(f"/proc/{process.pid}/status")
+    caught_bit = 1 << (signal.SIGTERM - 1)
+    deadline = time.monotonic() + WAIT
+    while True:
+        line = next(ln for ln in status.read_text().splitlines() if ln.startswith("SigCgt"))
+        if int(line.split()[1], 16) & caught_bit:
+            break
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert errors.splitlines()[-1].startswith("interrupted: ")

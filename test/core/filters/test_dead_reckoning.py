@@ -1,0 +1,90 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from vislam_ros.core.filters.dead_reckoning import DeadReckoning
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.settings import PredictionSettings
+
+SECOND = 1_000_000_000
+
+
+def test_the_first_twist_starts_at_the_identity():
+    first = DeadReckoning(PredictionSettings()).add_twist(5 * SECOND, [1, 0, 0, 0, 0, 1])
+    assert_allclose(first.position, 0)
+    assert_allclose(first.quaternion, [0, 0, 0, 1])
+    assert_allclose(first.covariance, 0)
+
+
+def test_a_twist_holds_over_the_interval_that_ends_at_its_stamp():
+    reckoning = DeadReckoning(PredictionSettings())
+    reckoning.add_twist(0, [100, 0, 0, 0, 0, 0])
+    pose = reckoning.add_twist(SECOND // 2, [2, 0, 0, 0, 0, 0])
+    assert_allclose(pose.position, [1, 0, 0])
+
+
+def test_a_constant_twist_drives_a_circle():
+    reckoning = DeadReckoning(PredictionSettings())
+    for k in range(101):
+        pose = reckoning.add_twist(k * SECOND // 100, [2 * np.pi, 0, 0, 0, 0, 2 * np.pi])
+    assert_allclose(pose.position, 0, atol=1e-12)
+    assert_allclose(se3.rotation_from_quaternion(pose.quaternion), np.eye(3), atol=1e-12)
+
+
+def test_covariance_is_that_of_a_monte_carlo():
+    settings = PredictionSettings(velocity_noise_std=0.3, angular_velocity_noise_std=0.05)
+    rng = np.random.default_rng(8)
+    twists = np.array([5, 0, 0, 0, 0, 0.5]) + rng.standard_normal((20, 6)) * 0.1
+    std = np.array([0.3] * 3 + [0.05] * 3)
+    reckoning = DeadReckoning(settings)
+    for k, twist in enumerate(twists):
+        pose = reckoning.add_twist(k * SECOND // 10, twist)
+    noisy = twists + std * rng.standard_normal((4000, *twists.shape))
+    T = np.broadcast_to(np.eye(4), (4000, 4, 4))
+    for k in range(1, len(twists)):
+        T = T @ se3.exp(0.1 * noisy[:, k])
+    T_hat = se3.pose_matrix(pose.position, pose.quaternion)
+    errors = se3.log(se3.inverse(T_hat) @ T)
+    # The error of the estimate is on its right: T = T_hat Exp(xi), xi ~ N(0, Sigma).
+    nees = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(pose.covariance), errors)
+    assert nees.mean() / 6 == pytest.approx(1, abs=0.05)
+
+
+def test_constant_process_noise_adds_the_same_to_each_step():
+    settings = PredictionSettings(process_noise="constant", process_variance=1e-4)
+    reckoning = DeadReckoning(settings)
+    for k in range(4):
+        pose = reckoning.add_twist(k * SECOND, np.zeros(6))
+    assert_allclose(pose.covariance, 3e-4 * np.eye(6))
+
+
+@pytest.mark.parametrize(
+    ("stamp", "twist", "reason"),
+    [
+        (2 * SECOND, [1, 0, 0, 0, 0, np.nan], "non_finite"),
+        (2 * SECOND, [np.inf, 0, 0, 0, 0, 0], "non_finite"),
+        (2 * SECOND, [1, 0, 0], "wrong_size"),
+        (SECOND, [1, 0, 0, 0, 0, 0], "duplicate"),
+        (SECOND // 2, [1, 0, 0, 0, 0, 0], "late"),
+    ],
+)
+def test_a_bad_twist_is_refused_and_changes_nothing(stamp, twist, reason):
+    refusing, plain = (DeadReckoning(PredictionSettings()) for _ in range(2))
+    for reckoning in (refusing, plain):
+        reckoning.add_twist(0, np.zeros(6))
+        reckoning.add_twist(SECOND, [1, 0, 0, 0, 0, 0.1])
+    assert refusing.add_twist(stamp, twist) is None
+    assert refusing.refused == {reason: 1}
+    after = [r.add_twist(3 * SECOND, [1, 0, 0, 0, 0, 0.1]) for r in (refusing, plain)]
+    assert_allclose(after[0].position, after[1].position)
+
+
+def test_time_jumping_back_begins_anew():
+    reckoning = DeadReckoning(PredictionSettings(time_jump=1.0))
+    for k in range(5):
+        reckoning.add_twist(k * SECOND, [1, 0, 0, 0, 0, 0])
+    again = reckoning.add_twist(0, [1, 0, 0, 0, 0, 0])
+    assert_allclose(again.position, 0)
+    assert reckoning.resets == 1

@@ -1,0 +1,50 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The joint filter over the landmarks in view is the filter over all landmarks ever seen."""
+
+import numpy as np
+import pytest
+from dense_reference import DenseJointFilter
+from tracked_drive import run, trying_drive
+
+from vislam_ros.core.filters.joint import JointFilter
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.data.drive import Drive
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    return trying_drive(steps=50, landmarks=300, seed=3)
+
+
+@pytest.mark.parametrize("initialization", ["correlated", "independent"])
+@pytest.mark.parametrize("pixel_variance", [(1.0, 1.0, 1.0, 1.0), (1.0, 1.2, 0.9, 1.1)])
+@pytest.mark.parametrize("chi2_gate", [16.27, 0.0])
+def test_pose_and_active_landmarks_are_the_dense_filters(
+    drive: Drive, initialization: str, pixel_variance: tuple[float, ...], chi2_gate: float
+) -> None:
+    settings = SlamSettings(
+        landmark_initialization=initialization,
+        pixel_variance=pixel_variance,
+        chi2_gate=chi2_gate,
+        min_disparity=6.0,
+        retire_after=2,
+        velocity_noise_std=0.1,
+        angular_velocity_noise_std=0.01,
+    )
+    filter_ = JointFilter(settings, drive.camera)
+    dense = DenseJointFilter(settings, drive.camera)
+    rejected = 0
+    for increment, frame, outcome in run(filter_, drive, settings):
+        assert sorted(dense.step(increment, frame)) == sorted(outcome.rejected.tolist())
+        rejected += len(outcome.rejected)
+        np.testing.assert_allclose(filter_.T_world_body, dense.T_world_body, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(filter_.pose_covariance, dense.P[:6, :6], rtol=0, atol=1e-9)
+        keys, positions, covariances = filter_.landmarks()
+        for i in range(len(keys) - filter_.active, len(keys)):
+            position, covariance = dense.landmark(int(keys[i]))
+            np.testing.assert_allclose(positions[i], position, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(covariances[i], covariance, rtol=0, atol=1e-9)
+    assert filter_.landmark_count == len(dense.place_of_key) > 200
+    assert filter_.active < 120
+    assert (rejected > 10) == (chi2_gate > 0)

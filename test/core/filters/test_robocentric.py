@@ -1,0 +1,307 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The robocentric filter over the landmarks in view is the filter over all ever seen."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from dense_robocentric import DenseRobocentricFilter
+from numpy.typing import NDArray
+from tracked_drive import run, trying_drives
+
+from vislam_ros.core.filters.robocentric import RobocentricFilter
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.motion import Increment
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def drives() -> dict[str, Drive]:
+    return trying_drives(steps=24, landmarks=120, seed=6)
+
+
+@pytest.mark.parametrize("kind", ["white", "offsets"])
+@pytest.mark.parametrize(
+    ("pixel_variance", "changes"),
+    [
+        ((1.0,) * 4, {"gyro_bias_walk_std": 0.01, "prior_pose_variance": 1e-4, "pixel_gate": 5.0}),
+        ((1.0, 1.2, 0.9, 1.1), {"chi2_gate": 0.0, "retire_after": 1}),
+        ((1.0, 1.2, 0.9, 1.2), {"gyro_bias_std": 0.0, "lens_distortion_std": 0.0}),
+        ((0.2,) * 4, {"velocity_bias_std": 0.0, "velocity_bias_walk_std": 0.0, "slip_std": 0.0}),
+        ((1.0,) * 4, {"learn_noise": False, "min_observations": 1}),
+    ],
+)
+def test_state_and_covariance_are_the_dense_filters(
+    drives: dict[str, Drive],
+    kind: str,
+    pixel_variance: tuple[float, ...],
+    changes: dict[str, Any],
+) -> None:
+    drive = drives[kind]
+    usual = {"retire_after": 2, "rest_after_rejection": 2, "stale_disparity": 0.05}
+    settings = SlamSettings(**{**usual, "pixel_variance": pixel_variance, **changes})
+    filter_ = RobocentricFilter(settings, drive.camera)
+    dense = DenseRobocentricFilter(settings, drive.camera)
+    rejected = copied = 0
+    for increment, frame, outcome in run(filter_, drive, settings):
+        assert dense.step(increment, frame) == outcome.rejected.tolist()
+        rejected += len(outcome.rejected)
+        copied += frame.copied.sum()
+        keys = filter_.keys.tolist()
+        assert set(keys) == set(dense.place_of_key)
+        rows = dense.active_rows(keys)
+        state = np.concatenate(
+            [
+                filter_.twist,
+                filter_.gyro_bias,
+                filter_.velocity_bias,
+                [filter_.kappa],
+                filter_.image_points.ravel(),
+            ]
+        )
+        for ours, plain in [
+            (filter_.T_world_body, dense.T_world_body),
+            (filter_.pose_covariance, dense.P[:6, :6]),
+            (state, dense.estimate[rows[6:]]),
+            (filter_.covariance, dense.P[np.ix_(rows, rows)]),
+        ]:
+            np.testing.assert_allclose(ours, plain, rtol=0, atol=1e-9)
+    assert dense.track_noise.has_offsets == (kind == "offsets" and settings.learn_noise)
+    assert copied > 10
+    assert len(dense.P) > 3 * 120
+    assert filter_.active < 110
+    assert (rejected > 10) == (settings.chi2_gate > 0)
+
+
+CAMERA = StereoCamera.from_matrices(INTRINSICS, BASELINE, T_BODY_CAMERA)
+SECONDS = 0.1
+
+
+def increment(twist: Array) -> Increment:
+    return Increment(se3.exp(SECONDS * twist), SECONDS, np.zeros((6, 6)))
+
+
+def frame(keys: Keys, pixels: Array) -> TrackedFrame:
+    nothing = np.empty(0, dtype=np.int64)
+    return TrackedFrame(keys, pixels, nothing, np.zeros(len(keys), dtype=bool), False)
+
+
+def filter_that_sees(
+    points_body: Array, twist: Array, steps: int, **settings: Any
+) -> RobocentricFilter:
+    """Drive past points (n, 3) at a constant twist, which the filter is told with noise."""
+    twist_rng, pixel_rng = map(np.random.default_rng, (11, 12))
+    filter_ = RobocentricFilter(SlamSettings(**settings), CAMERA)
+    keys = np.arange(len(points_body))
+    for k in range(steps):
+        noisy = twist + np.repeat([0.5, 0.05], 3) * twist_rng.standard_normal(6)
+        T = se3.inverse(se3.exp(k * SECONDS * twist) @ CAMERA.T_body_camera)
+        seen = points_body @ T[:3, :3].T + T[:3, 3]
+        y = CAMERA.project(seen)
+        in_view = (seen[:, 2] > 0.1) & np.all((y > 0) & (y < [1242, 1242, 375]), axis=1)
+        pixels = y[in_view][:, [0, 2, 1, 2]]
+        pixels += pixel_rng.standard_normal(pixels.shape)
+        motion = increment(noisy) if k else dataclasses.replace(increment(noisy), duration=0.0)
+        filter_.step(motion, frame(keys[in_view], pixels))
+        assert_sound(filter_)
+    return filter_
+
+
+def assert_sound(filter_: RobocentricFilter) -> None:
+    for values in (
+        filter_.T_world_body,
+        filter_.twist,
+        filter_.gyro_bias,
+        filter_.kappa,
+        filter_.image_points,
+        filter_.covariance,
+        *filter_.landmarks(),
+    ):
+        assert np.all(np.isfinite(values))
+    variances = np.linalg.eigvalsh(filter_.covariance)
+    assert variances[0] > -1e-12 * variances[-1]
+
+
+def far_points(count: int, distance: float) -> Array:
+    rng = np.random.default_rng(12)
+    across = rng.uniform(-0.5, 0.5, (count, 2)) * [1.0, 0.3]
+    return distance * np.column_stack([np.ones(count), across])
+
+
+FORWARD = np.array([8.0, 0, 0, 0, 0, 0.05])
+
+
+def test_points_at_infinity_with_zero_and_negative_disparities_tell_the_rotation() -> None:
+    points = far_points(40, 1e6)
+    seeing = filter_that_sees(points, FORWARD, 30)
+    disparity = seeing.image_points[:, 0] - seeing.image_points[:, 1]
+    assert np.sum(disparity <= 0) > 10
+    assert seeing.active == 40
+    blind = filter_that_sees(points[:0], FORWARD, 30)
+    assert_better(blind, seeing, slice(3, 6), 20)
+    # They say nothing of the way gone.
+    assert seeing.pose_covariance[0, 0] > 0.5 * blind.pose_covariance[0, 0]
+    # What lies at no distance has no place on the map.
+    assert seeing.landmark_count < 10
+
+
+def assert_better(
+    worse: RobocentricFilter, better: RobocentricFilter, part: slice, ratio: float
+) -> None:
+    variances = [np.diag(filter_.pose_covariance)[part] for filter_ in (worse, better)]
+    assert np.all(variances[0] > ratio * variances[1])
+    true = se3.exp(29 * SECONDS * FORWARD)
+    error = se3.log(se3.inverse(better.T_world_body) @ true)[part]
+    assert np.all(np.abs(error) < 4 * np.sqrt(variances[1]))
+
+
+def test_near_points_tell_the_way_gone() -> None:
+    rng = np.random.default_rng(13)
+    points = np.column_stack(
+        [rng.uniform(10, 60, 120), rng.uniform(-8, 8, 120), rng.uniform(-2, 3, 120)]
+    )
+    blind = filter_that_sees(points[:0], FORWARD, 30)
+    assert_better(blind, filter_that_sees(points, FORWARD, 30), slice(0, 6), 3)
+
+
+def test_a_landmark_that_the_body_passes_is_set_aside_where_it_stands() -> None:
+    beside = np.array([[9.0, 1.5, 0.5]])
+    points = np.concatenate([beside, far_points(20, 60.0)])
+    before = filter_that_sees(points, FORWARD, 9)
+    assert 0 in before.keys
+    # It is out of view for the last of them, but nobody said that its track had ended.
+    after = filter_that_sees(points, FORWARD, 15, lens_distortion_std=0.0)
+    assert 0 not in after.keys
+    keys, positions, covariances = after.landmarks()
+    (row,) = np.flatnonzero(keys == 0)
+    error = positions[row] - beside[0]
+    assert error @ np.linalg.solve(covariances[row], error) < 16
+
+
+def test_too_few_observations_correct_nothing() -> None:
+    few = filter_that_sees(far_points(7, 40.0), FORWARD, 10, min_observations=8)
+    none = filter_that_sees(far_points(0, 40.0), FORWARD, 10)
+    np.testing.assert_allclose(few.T_world_body, none.T_world_body, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(few.twist, none.twist, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(few.pose_covariance, none.pose_covariance, rtol=1e-12)
+    assert few.active == 7
+
+
+def test_where_the_innovations_covariance_is_not_positive_landmarks_are_given_up() -> None:
+    points = far_points(30, 40.0)
+    filter_ = filter_that_sees(points, FORWARD, 10, chi2_gate=0.0)
+    small = filter_.covariance[:18, :18].copy()
+    # Two landmarks that are more than one: what rounding might do at its worst.
+    filter_.covariance[18, 21] = filter_.covariance[21, 18] = 1e3
+    pixels = filter_.image_points[:, [0, 2, 1, 2]]
+    standing = Increment(np.eye(4), 0.0, np.zeros((6, 6)))
+    outcome = filter_.step(standing, frame(filter_.keys, pixels))
+    assert outcome.used == 0
+    np.testing.assert_array_equal(np.sort(outcome.rejected), np.arange(30))
+    assert filter_.active == 0
+    np.testing.assert_array_equal(filter_.covariance, small)
+    # It goes on with others.
+    for _ in range(3):
+        outcome = filter_.step(increment(FORWARD), frame(np.arange(100, 130), pixels))
+        assert_sound(filter_)
+    assert outcome.used + len(outcome.rejected) == 30
+
+
+def test_a_non_finite_observation_is_rejected() -> None:
+    filter_ = filter_that_sees(far_points(30, 40.0), FORWARD, 10)
+    pixels = filter_.image_points[:, [0, 2, 1, 2]].copy()
+    pixels[3, 1] = np.nan
+    outcome = filter_.step(increment(0 * FORWARD), frame(filter_.keys, pixels))
+    assert 3 in outcome.rejected
+    assert_sound(filter_)
+
+
+@pytest.mark.parametrize(
+    ("twist", "disparity"),
+    [
+        ([80.0, 0, 0, 0, 0, 0], 60.0),
+        ([5.0, 0, 0, 0, 0, 15.0], 10.0),
+        ([5.0, 0, 0, 0, 0, 0], -300.0),
+        ([0.0, 0, 0, 0, 0, 31.0], 10.0),
+        ([0.0, 0, 0, 0, 0, 0], 0.0),
+    ],
+)
+@pytest.mark.parametrize("chi2_gate", [16.27, 0.0])
+@pytest.mark.parametrize("pixel_noise", [1.0, 200.0])
+def test_absurd_input_leaves_the_estimate_finite(
+    twist: list[float], disparity: float, chi2_gate: float, pixel_noise: float
+) -> None:
+    rng = np.random.default_rng(14)
+    u, v = rng.uniform(100, 1100, 20), rng.uniform(50, 300, 20)
+    filter_ = RobocentricFilter(SlamSettings(chi2_gate=chi2_gate), CAMERA)
+    for _ in range(20):
+        pixels = np.column_stack([u, v, u - disparity, v])
+        pixels += pixel_noise * rng.standard_normal(pixels.shape)
+        filter_.step(increment(np.array(twist)), frame(np.arange(20), pixels))
+        assert_sound(filter_)
+
+
+def drifting(bias: Array, **settings: Any) -> RobocentricFilter:
+    """Drive past points; the measured velocity's y and z are off by a constant."""
+    rng = np.random.default_rng(15)
+    points = np.column_stack(
+        [rng.uniform(10, 90, 200), rng.uniform(-12, 12, 200), rng.uniform(-2, 5, 200)]
+    )
+    filter_ = RobocentricFilter(SlamSettings(**settings), CAMERA)
+    for k in range(60):
+        T = se3.inverse(se3.exp(k * SECONDS * FORWARD) @ CAMERA.T_body_camera)
+        seen = points @ T[:3, :3].T + T[:3, 3]
+        y = CAMERA.project(seen)
+        in_view = (seen[:, 2] > 2.0) & np.all((y > 0) & (y < [1242, 1242, 375]), axis=1)
+        pixels = y[in_view][:, [0, 2, 1, 2]]
+        measured = FORWARD + np.repeat([0.01, 0.002], 3) * rng.standard_normal(6)
+        measured[1:3] += bias
+        step = increment(measured) if k else Increment(np.eye(4), 0.0, np.zeros((6, 6)))
+        noisy = pixels + rng.standard_normal(pixels.shape)
+        filter_.step(step, frame(np.flatnonzero(in_view), noisy))
+    return filter_
+
+
+def test_a_velocity_measured_in_a_wrong_direction_is_found_out() -> None:
+    bias = np.array([0.1, -0.4])
+    filter_ = drifting(bias)
+    error = filter_.velocity_bias - bias
+    std = np.sqrt(np.diag(filter_.covariance)[16:18])
+    assert np.all(np.abs(error) < 4 * std)
+    assert np.all(std < 0.1)
+    true = se3.exp(59 * SECONDS * FORWARD)
+    unaware = drifting(bias, velocity_bias_std=0.0, velocity_bias_walk_std=0.0, slip_std=0.0)
+    errors = [
+        np.linalg.norm(se3.log(se3.inverse(each.T_world_body) @ true)[3:])
+        for each in (filter_, unaware)
+    ]
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_a_turning_body_may_sway_where_its_origin_is_not_on_the_axle() -> None:
+    # The origin is 2 m ahead of the axle, and the vehicle turns by 0.4 rad/s.
+    turning = np.array([8.0, 0.8, 0.0, 0.0, 0.0, 0.4])
+    filters = [RobocentricFilter(SlamSettings(axle_distance=d), CAMERA) for d in (2.0, 0.0)]
+    for filter_ in filters:
+        for _ in range(20):
+            filter_.step(increment(turning), frame(np.arange(0), np.empty((0, 4))))
+    errors = [abs(filter_.twist[1] - 0.8) for filter_ in filters]
+    assert errors[0] < 0.85 * errors[1]
+
+
+def test_a_vehicle_that_nobody_sees_goes_where_it_points() -> None:
+    sideways = FORWARD + np.array([0, 0.3, 0, 0, 0, 0])
+    filters = [RobocentricFilter(SlamSettings(slip_std=s), CAMERA) for s in (0.25, 0.0)]
+    for filter_ in filters:
+        for _ in range(100):
+            filter_.step(increment(sideways), frame(np.arange(0), np.empty((0, 4))))
+    assert abs(filters[0].twist[1]) < 0.15
+    assert abs(filters[1].twist[1]) > 0.25

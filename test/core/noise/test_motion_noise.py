@@ -1,0 +1,69 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from vislam_ros.core.noise.motion_noise import MotionNoise
+
+Array = NDArray[np.float64]
+
+TWIST = np.repeat([0.5, 0.05], 3)
+WALK = np.repeat([0.31, 0.05], 3)
+
+
+@pytest.mark.parametrize("tau", [0.1, 0.05])
+@pytest.mark.parametrize("ratio", [0.2, 1.0, 3.0])
+def test_the_walk_of_each_axis_is_found_while_vision_sees_it(ratio: float, tau: float) -> None:
+    rng = np.random.default_rng(41)
+    noise = MotionNoise(TWIST, WALK)
+    walk = ratio * np.array([0.3, 0.2, 0.15, 0.05, 0.05, 0.03])
+    vision = 0.3 * np.sqrt(tau) * walk
+    u, mean, variance = np.zeros(6), np.zeros(6), np.full(6, 100.0)
+    for _ in range(1500):
+        u = u + np.sqrt(tau) * walk * rng.standard_normal(6)
+        before, variance_before = mean, variance + tau * noise.walk_variance
+        gain = variance_before / (variance_before + vision**2)
+        mean = mean + gain * (u + vision * rng.standard_normal(6) - mean)
+        variance = (1 - gain) * variance_before
+        noise.learn(mean - before, variance_before, variance, np.ones(6), tau)
+    assert_allclose(np.sqrt(noise.walk_variance), walk, rtol=0.2)
+
+
+def test_motion_that_jerks_on_one_axis_is_not_taken_for_noise() -> None:
+    rng = np.random.default_rng(42)
+    noise = MotionNoise(TWIST, WALK)
+    for _ in range(400):
+        twist = 0.01 * rng.standard_normal(6)
+        twist[[2, 4]] += rng.standard_normal(2)
+        noise.hear(twist)
+    assert_allclose(np.sqrt(noise.twist_variance), 0.01, rtol=0.25)
+
+
+def test_a_twist_that_never_changes_keeps_some_room() -> None:
+    noise = MotionNoise(TWIST, np.zeros(6))
+    for _ in range(2000):
+        noise.learn(np.zeros(6), 0.1 * noise.walk_variance + 1e-12, np.zeros(6), np.ones(6), 0.1)
+    assert np.all(noise.walk_variance > 0)
+
+
+def test_a_twist_that_repeats_itself_keeps_some_noise() -> None:
+    noise = MotionNoise(TWIST, WALK)
+    for _ in range(400):
+        noise.hear(np.array([1.0, 0, 0, 0, 0, 0.1]))
+    assert np.all(noise.twist_variance > 0)
+
+
+def test_what_vision_sees_of_the_measured_twists_noise_counts_where_it_is_less() -> None:
+    noise = MotionNoise(TWIST, WALK)
+    rng = np.random.default_rng(43)
+    jerks = np.repeat([0.4, 0.04], 3)
+    for _ in range(400):
+        noise.hear(jerks * rng.standard_normal(6))
+    for std, expected in ((0.1, 0.1), (10.0, 0.4)):
+        for _ in range(3000):
+            unexplained = np.repeat([std, 0.1 * std], 3) ** 2
+            noise.learn(np.zeros(6), WALK**2, 0.5 * WALK**2, unexplained, 0.1)
+        levels = np.sqrt(noise.twist_variance)
+        assert_allclose(levels, np.repeat([expected, 0.1 * expected], 3), rtol=0.15)

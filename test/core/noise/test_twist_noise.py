@@ -1,0 +1,92 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from vislam_ros.core.noise.twist_noise import TwistNoise
+
+Array = NDArray[np.float64]
+
+PRIOR = np.repeat([0.5, 0.05], 3)
+
+
+def estimated(samples: Array, prior: Array = PRIOR) -> Array:
+    noise = TwistNoise(prior)
+    for sample in samples:
+        noise.add(sample)
+    return noise.std
+
+
+def white(level: float, count: int, seed: int = 41) -> Array:
+    """Twists (count, 6) of noise alone, the angular velocities' a tenth of the velocities'."""
+    rng = np.random.default_rng(seed)
+    return level * np.repeat([1.0, 0.1], 3) * rng.standard_normal((count, 6))
+
+
+def smooth_motion(count: int) -> Array:
+    """Twists (count, 6) at 10 Hz of a vehicle that brakes, weaves and turns."""
+    t = 0.1 * np.arange(count)
+    periods = np.array([23.0, 5.0, 4.0, 6.0, 5.0, 8.0])
+    sizes = np.array([4.0, 0.2, 0.2, 0.02, 0.02, 0.5])
+    return sizes * np.sin(2 * np.pi * t[:, None] / periods + np.arange(6))
+
+
+@pytest.mark.parametrize("level", [0.02, 0.1, 0.5, 2.0])
+@pytest.mark.parametrize("seed", [41, 42])
+def test_white_noise_of_any_level_is_found_on_average_of_the_axes(level: float, seed: int) -> None:
+    ratio = estimated(white(level, 300, seed)) / (level * np.repeat([1.0, 0.1], 3))
+    assert_allclose(ratio.mean(), 1.0, atol=0.1)
+    assert_allclose(ratio, 1.0, atol=0.3)
+
+
+def test_a_smooth_motion_on_top_does_not_matter() -> None:
+    noise = white(0.1, 300)
+    assert_allclose(estimated(smooth_motion(300) + noise), estimated(noise), rtol=0.1)
+
+
+def test_a_constant_on_top_matters_not_at_all() -> None:
+    noise = white(0.1, 300)
+    assert_allclose(estimated(noise + 7.0), estimated(noise), rtol=1e-9)
+
+
+def test_a_jerk_now_and_then_does_not_matter() -> None:
+    samples = white(0.1, 300)
+    jerking = samples.copy()
+    jerking[10::40] += 5.0
+    assert_allclose(estimated(jerking), estimated(samples), rtol=0.25)
+
+
+def test_a_motion_without_noise_has_next_to_none() -> None:
+    assert np.all(estimated(smooth_motion(300)) < 0.02 * PRIOR)
+
+
+def test_before_there_is_a_third_difference_it_is_the_prior() -> None:
+    assert_allclose(estimated(white(0.1, 3)), PRIOR)
+
+
+@pytest.mark.parametrize("factor", [0.01, 100.0])
+def test_a_prior_that_is_a_hundredfold_off_fades_within_half_a_minute(factor: float) -> None:
+    level = np.repeat([0.1, 0.01], 3)
+    samples = white(0.1, 300)
+    assert_allclose(estimated(samples, factor * level).mean(), level.mean(), rtol=0.35)
+    errors = [
+        np.abs(np.log(estimated(samples[:count], factor * level) / level)).mean()
+        for count in (3, 30, 300)
+    ]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_it_follows_a_noise_that_changes() -> None:
+    samples = np.concatenate([white(0.5, 400), white(0.05, 400)])
+    assert_allclose(estimated(samples), estimated(white(0.05, 400)), rtol=0.05)
+
+
+def test_every_estimate_is_finite_and_of_standing_samples_small() -> None:
+    noise = TwistNoise(PRIOR)
+    for _ in range(400):
+        noise.add(np.zeros(6))
+        assert np.all(np.isfinite(noise.std))
+        assert np.all(noise.std >= 0)
+    assert np.all(noise.std < 0.01 * PRIOR)

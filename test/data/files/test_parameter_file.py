@@ -1,0 +1,150 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+from array import array
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vislam_ros.data.files.parameter_file import (
+    Parameters,
+    node_parameters,
+    read_parameters,
+    write_parameters,
+)
+from vislam_ros.errors import VislamError
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_sections_names_and_values_are_read(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        """\
+# a comment
+/slam_node:
+  ros__parameters:
+    estimator: robocentric
+    process_variance: 1e-10
+    seed: 3
+    planar: false
+    pixel_variance: [1.0, 1.0, 1.0, 1.0]
+    gate: {chi2: 16.27, pixel: {limit: 5.0}}
+imu_prediction_node:
+  ros__parameters:
+""",
+    )
+    assert read_parameters(path) == {
+        "slam_node": {
+            "estimator": "robocentric",
+            "process_variance": 1e-10,
+            "seed": 3,
+            "planar": False,
+            "pixel_variance": [1.0, 1.0, 1.0, 1.0],
+            "gate.chi2": 16.27,
+            "gate.pixel.limit": 5.0,
+        },
+        "imu_prediction_node": {},
+    }
+
+
+@pytest.mark.parametrize("text", ["1e-10", "1.5e3", "-2E+4", ".5e1", "1.e2"])
+def test_numbers_with_an_exponent_are_numbers_as_in_ros(tmp_path: Path, text: str) -> None:
+    path = written(tmp_path, f"n:\n  ros__parameters:\n    a: {text}\n    b: '{text}'\n")
+    assert read_parameters(path)["n"] == {"a": float(text), "b": text}
+
+
+def test_wildcard_applies_first_and_namespaces_do_not_matter(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        """\
+/robot/slam_node:
+  ros__parameters: {seed: 2}
+/**:
+  ros__parameters: {seed: 1, time_jump: 0.5}
+robot:
+  imu_prediction_node:
+    ros__parameters: {time_jump: 2.0}
+""",
+    )
+    parameters = read_parameters(path)
+    assert node_parameters(parameters, "slam_node") == {"seed": 2, "time_jump": 0.5}
+    assert node_parameters(parameters, "imu_prediction_node") == {"seed": 1, "time_jump": 2.0}
+    assert node_parameters(parameters, "recorder_node") == {"seed": 1, "time_jump": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", ": holds no parameters"),
+        ("- 1\n", ", line 1: expected a mapping of node names"),
+        ("a: [1\nb: 2\n", ", line 2: not YAML"),
+        ("a:\n\tb: 1\n", ", line 2: not YAML"),
+        ("slam_node: 5\n", ", line 1: expected a mapping of ros__parameters"),
+        ("slam_node:\n  seed: 5\n", ", line 2: expected a mapping"),
+        ("n:\n  ros__parameters: 3\n", ", line 2: expected a mapping of parameter names"),
+        ("n:\n  ros__parameters: {a: 1}\n  b: 2\n", ", line 1: n holds ros__parameters and more"),
+        ("n:\n  ros__parameters:\n    a: 1\n    a: 2\n", ", line 4: a is here for the second"),
+        ("n:\n  ros__parameters:\n    a: null\n", ", line 3: a is None: a parameter is"),
+        ("n:\n  ros__parameters:\n    a: [1, 2.0]\n", ", line 3: a is .1, 2.0.: a parameter is"),
+        ("n:\n  ros__parameters:\n    a: [[1], [2]]\n", ", line 3: a is "),
+        ("n:\n  ros__parameters:\n    a: 2020-01-01\n", ", line 3: a is "),
+        ("n:\n  ros__parameters:\n    a: 2020-99-01\n", ", line 3: a is '2020-99-01'"),
+        ("n:\n  ros__parameters:\n    a: !!python/name:os.system x\n", ", line 3: a is "),
+        ("n:\n  ros__parameters:\n    a: *missing\n", ", line 3: not YAML"),
+        ("a: \x00\n", ": not YAML"),
+    ],
+)
+def test_bad_files_are_refused_with_their_line(tmp_path: Path, text: str, message: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(VislamError, match=message) as caught:
+        read_parameters(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_or_binary_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(VislamError, match="No such file"):
+        read_parameters(tmp_path / "none.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\xfd")
+    with pytest.raises(VislamError, match="not a text file"):
+        read_parameters(tmp_path / "binary.yaml")
+
+
+def test_what_is_written_reads_back(tmp_path: Path) -> None:
+    parameters: Parameters = {
+        "**": {"use_sim_time": False},
+        "slam_node": {
+            "process_variance": 1e-10,
+            "huge": 1e300,
+            "third": 1 / 3,
+            "text_that_looks_like_a_number": "1e5",
+            "text_that_looks_like_a_flag": "no",
+            "seed": 3,
+            "names": ["a", "b: c"],
+        },
+        "recorder_node": {},
+    }
+    write_parameters(tmp_path / "params.yaml", parameters)
+    assert read_parameters(tmp_path / "params.yaml") == parameters
+    assert (tmp_path / "params.yaml").read_text().startswith("/**:\n  ros__parameters:\n")
+
+
+def test_tuples_and_arrays_are_written_as_lists(tmp_path: Path) -> None:
+    values = {
+        "tuple": (1.0, 2.0),
+        "array": array("d", [0.5]),
+        "ndarray": np.arange(3),
+        "scalar": np.float64(0.25),
+    }
+    write_parameters(tmp_path / "params.yaml", {"n": values})
+    assert read_parameters(tmp_path / "params.yaml")["n"] == {
+        "tuple": [1.0, 2.0],
+        "array": [0.5],
+        "ndarray": [0, 1, 2],
+        "scalar": 0.25,
+    }

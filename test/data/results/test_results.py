@@ -1,0 +1,340 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The result directory: what is written reads back, whatever happens to the writer."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.data.results.reader import read_results
+from vislam_ros.data.results.writer import OWNED_FILES, ResultWriter
+from vislam_ros.data.results.summary import StepStatistics
+from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.errors import VislamError
+
+STEPS = 30
+PARAMETERS = {"slam_node": {"estimator": "joint", "seed": 7}}
+
+
+class Run:
+    """A seeded run: what a filter could have given."""
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(3)
+        stamps = 1_300_000_000_123_456_789 + 100_000_000 * np.arange(STEPS)
+        self.trajectory = Trajectory.from_matrices(stamps, se3.exp(rng.normal(size=(STEPS, 6))))
+        A = rng.normal(size=(STEPS, 6, 6))
+        self.covariances = A @ np.swapaxes(A, 1, 2)
+        self.covariances = 0.5 * (self.covariances + np.swapaxes(self.covariances, 1, 2))
+        self.steps = [
+            StepStatistics(
+                int(stamp),
+                bool(k % 7 == 0),
+                40,
+                30,
+                2,
+                45,
+                13,
+                5 * k,
+                rng.chisquare(90),
+                90,
+                1 / 3,
+            )
+            for k, stamp in enumerate(stamps)
+        ]
+        self.landmarks = LandmarkMap(
+            ids=np.array([4, 4, 9], dtype=np.uint32),
+            generations=np.array([0, 1, 0], dtype=np.uint32),
+            positions=rng.normal(size=(3, 3)),
+            covariances=np.tile(np.eye(3), (3, 1, 1)),
+        )
+
+    def write(self, writer: ResultWriter) -> None:
+        writer.set_parameters(PARAMETERS)
+        poses = self.trajectory
+        for k, statistics in enumerate(self.steps):
+            stamp = int(poses.stamps[k])
+            writer.add_step(
+                stamp, poses.positions[k], poses.quaternions[k], self.covariances[k], statistics
+            )
+            writer.add_dead_reckoning(stamp, poses.positions[k], poses.quaternions[k])
+        writer.set_landmarks(self.landmarks)
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return Run()
+
+
+def assert_same_trajectory(actual: Trajectory | None, expected: Trajectory) -> None:
+    assert actual is not None
+    np.testing.assert_array_equal(actual.stamps, expected.stamps)
+    np.testing.assert_array_equal(actual.positions, expected.positions)
+    np.testing.assert_array_equal(actual.quaternions, expected.quaternions)
+
+
+def test_everything_reads_back_to_the_last_bit(run: Run, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "deep" / "results") as writer:
+        run.write(writer)
+        writer.set_smoothed(run.trajectory, 0.5 * run.covariances)
+        writer.summary.drive = "0027"
+        writer.summary.refused = {"late": 2}
+        writer.summary.gyro_bias = np.array([0.01, 0.02, 0.03])
+        writer.finish(complete=True)
+
+    results = read_results(tmp_path / "deep" / "results")
+    for trajectory in (results.trajectory, results.dead_reckoning, results.smoothed):
+        assert_same_trajectory(trajectory, run.trajectory)
+    np.testing.assert_array_equal(results.covariances, run.covariances)
+    np.testing.assert_array_equal(results.smoothed_covariances, 0.5 * run.covariances)
+    for name, column in results.steps.items():
+        assert column.tolist() == [getattr(step, name) for step in run.steps], name
+    assert results.landmarks is not None
+    np.testing.assert_array_equal(results.landmarks.positions, run.landmarks.positions)
+    assert results.parameters == PARAMETERS
+    assert results.name == "0027"
+    summary = results.summary
+    assert (summary["complete"], summary["incomplete_reason"]) == (True, None)
+    assert (summary["estimator"], summary["steps"]) == ("joint", STEPS)
+    assert (summary["landmarks"], summary["tracks"]) == (3, 2)
+    assert summary["refused"] == {"late": 2}
+    assert summary["gyro_bias"] == [0.01, 0.02, 0.03]
+    assert {path.name for path in results.directory.iterdir()} <= set(OWNED_FILES)
+
+
+def test_poses_and_statistics_may_come_apart(run: Run, tmp_path: Path) -> None:
+    poses = run.trajectory
+    with ResultWriter(tmp_path / "results") as writer:
+        for statistics in run.steps[:5]:
+            writer.add_statistics(statistics)
+        for k in range(3):
+            writer.add_pose(
+                int(poses.stamps[k]),
+                poses.positions[k],
+                poses.quaternions[k],
+                run.covariances[k],
+            )
+        writer.finish(complete=True)
+    results = read_results(tmp_path / "results")
+    assert (len(results.trajectory), len(results.steps["stamp"])) == (3, 5)
+    assert results.summary["steps"] == 3
+    assert results.dead_reckoning is None
+    assert results.landmarks is None
+    assert results.parameters == {}
+
+
+def test_rows_are_on_disk_at_once_and_the_rest_after_a_flush(run: Run, tmp_path: Path) -> None:
+    writer = ResultWriter(tmp_path / "results")
+    run.write(writer)
+    assert len(read_results(writer.directory).trajectory) == STEPS
+    writer.flush()
+    results = read_results(writer.directory)
+    assert results.landmarks is not None
+    assert results.summary["steps"] == STEPS
+    assert results.summary["complete"] is False
+    writer.finish(complete=False, incomplete_reason="3 features messages had no answer")
+    assert read_results(writer.directory).summary["incomplete_reason"].startswith("3 features")
+
+
+def test_a_run_that_breaks_off_says_so(run: Run, tmp_path: Path) -> None:
+    with suppress(RuntimeError), ResultWriter(tmp_path / "a") as writer:
+        run.write(writer)
+        raise RuntimeError("no memory")
+    summary = read_results(tmp_path / "a").summary
+    assert (summary["complete"], summary["incomplete_reason"]) == (
+        False,
+        "RuntimeError: no memory",
+    )
+    with ResultWriter(tmp_path / "b") as writer:
+        run.write(writer)
+    assert read_results(tmp_path / "b").summary["complete"] is False
+
+
+def test_time_never_goes_back_in_a_directory(run: Run, tmp_path: Path) -> None:
+    pose = ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+    with ResultWriter(tmp_path / "results") as writer:
+        writer.add_dead_reckoning(5, *pose)
+        writer.add_pose(5, *pose, np.eye(6))
+        with pytest.raises(ValueError, match=r"trajectory.tum: stamp 5 is not later than 5"):
+            writer.add_pose(5, *pose, np.eye(6))
+        with pytest.raises(ValueError, match=r"dead_reckoning.tum: stamp 4"):
+            writer.add_dead_reckoning(4, *pose)
+
+
+def test_a_directory_in_use_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(VislamError, match=r"is not empty.*--force"):
+        ResultWriter(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+    with pytest.raises(VislamError, match=r"notes.txt: cannot be a result directory"):
+        ResultWriter(tmp_path / "notes.txt")
+
+
+def test_force_replaces_the_old_run_and_nothing_else(run: Run, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path) as writer:
+        run.write(writer)
+        writer.finish(complete=True)
+    with ResultWriter(tmp_path / "pass_002") as writer:
+        run.write(writer)
+        writer.finish(complete=True)
+    for folder in (tmp_path, tmp_path / "pass_002"):
+        (folder / "notes.txt").write_text("mine")
+    ResultWriter(tmp_path, force=True).finish(complete=False, incomplete_reason="nothing yet")
+    assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")) == [
+        "notes.txt",
+        "pass_002/notes.txt",
+        "summary.json",
+    ]
+
+
+ENDLESS = """
+import sys
+from pathlib import Path
+import numpy as np
+from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.data.results.writer import ResultWriter
+from vislam_ros.data.results.summary import StepStatistics
+
+pose = ([1 / 3, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0])
+with ResultWriter(Path(sys.argv[1])) as writer:
+    writer.set_parameters({"slam_node": {"estimator": "joint"}})
+    stamp = 10**18
+    while True:
+        stamp += 10**8
+        statistics = StepStatistics(stamp, False, 1, 1, 0, 1, 0, 1, 3.0, 3, 0.5)
+        writer.add_step(stamp, *pose, np.eye(6) / 3, statistics)
+        writer.add_dead_reckoning(stamp, *pose)
+        size = stamp // 10**8 % 5000
+        writer.set_landmarks(
+            LandmarkMap(
+                np.arange(size, dtype=np.uint32),
+                np.zeros(size, dtype=np.uint32),
+                np.ones((size, 3)),
+                np.tile(np.eye(3), (size, 1, 1)),
+            )
+        )
+"""
+
+
+def steps_in_summary(directory: Path) -> int:
+    try:
+        return int(json.loads((directory / "summary.json").read_text())["steps"])
+    except FileNotFoundError:
+        return 0
+
+
+@pytest.mark.timeout(120)
+def test_a_killed_run_is_readable_up_to_its_last_moment(tmp_path: Path) -> None:
+    directory = tmp_path / "results"
+    child = subprocess.Popen([sys.executable, "-c", ENDLESS, str(directory)])
+    try:
+        deadline = time.monotonic() + 90
+        while steps_in_summary(directory) == 0:
+            assert child.poll() is None, "the writer ended by itself"
+            assert time.monotonic() < deadline, "the summary was never brought up to date"
+    finally:
+        child.send_signal(signal.SIGKILL)
+        child.wait(30)
+
+    results = read_results(directory)
+    assert results.summary["complete"] is False
+    assert results.landmarks is not None
+    assert results.parameters == {"slam_node": {"estimator": "joint"}}
+    assert results.dead_reckoning is not None
+    # The rows of the four files are written one after the other: at most one is missing.
+    counts = {len(results.trajectory), len(results.dead_reckoning), len(results.steps["stamp"])}
+    assert max(counts) - min(counts) <= 1
+    assert min(counts) >= results.summary["steps"] - 1
+    assert np.all(results.covariances[:-1] == np.eye(6) / 3)
+
+
+@pytest.mark.parametrize(
+    "name", ["trajectory.tum", "dead_reckoning.tum", "trajectory_covariance.csv", "steps.csv"]
+)
+def test_a_last_line_cut_anywhere_costs_that_line_only(
+    run: Run, tmp_path: Path, name: str
+) -> None:
+    with ResultWriter(tmp_path / "results") as writer:
+        run.write(writer)
+    path = writer.directory / name
+    whole = path.read_bytes()
+    last_line = len(whole.splitlines(keepends=True)[-1])
+    for cut in (1, 2, 5, last_line // 2, last_line - 1, last_line):
+        path.write_bytes(whole[:-cut])
+        results = read_results(writer.directory)
+        assert results.dead_reckoning is not None
+        counts = {
+            "trajectory.tum": len(results.trajectory),
+            "dead_reckoning.tum": len(results.dead_reckoning),
+            "trajectory_covariance.csv": int(np.isfinite(results.covariances[:, 0, 0]).sum()),
+            "steps.csv": len(results.steps["stamp"]),
+        }
+        expected = dict.fromkeys(counts, STEPS)
+        expected["trajectory_covariance.csv"] = counts["trajectory.tum"]
+        expected[name] = STEPS - 1
+        assert counts == expected
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (("summary.json", None), r"summary.json: cannot read this summary: No such file"),
+        (("trajectory.tum", None), r"trajectory.tum: holds no pose"),
+        (("trajectory.tum", ""), r"trajectory.tum: holds no pose"),
+        (("trajectory.tum", "1.0 2\n"), r"trajectory.tum: line 1"),
+        (("steps.csv", "a,b\n"), r"steps.csv: line 1 must be stamp,frozen"),
+        (("trajectory_covariance.csv", "x_x\n"), r"line 1 must be stamp,x_x"),
+    ],
+)
+def test_what_is_missing_or_damaged_is_named(
+    run: Run, tmp_path: Path, damage: tuple[str, str | None], message: str
+) -> None:
+    with ResultWriter(tmp_path / "results") as writer:
+        run.write(writer)
+    name, content = damage
+    (writer.directory / name).unlink()
+    if content is not None:
+        (writer.directory / name).write_text(content)
+    with pytest.raises(VislamError, match=message):
+        read_results(writer.directory)
+
+
+def test_a_damaged_row_is_named(run: Run, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "results") as writer:
+        run.write(writer)
+    with (writer.directory / "steps.csv").open("a") as file:
+        file.write("1.0,0,x,0,0,0,0,0,0.0,0,0.0\n")
+    with pytest.raises(VislamError, match=rf"steps.csv: line {STEPS + 2} is '1.0,0,x"):
+        read_results(writer.directory)
+
+
+def test_a_missing_directory_is_named(tmp_path: Path) -> None:
+    with pytest.raises(VislamError, match="none: no such result directory"):
+        read_results(tmp_path / "none")
+
+
+def test_a_full_disk_is_a_known_error(tmp_path: Path) -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("needs /dev/full, which stands for a full disk")
+    with ResultWriter(tmp_path / "results") as writer:
+        (tmp_path / "results" / "dead_reckoning.tum").symlink_to(full)
+        with pytest.raises(VislamError, match=r"dead_reckoning.tum: cannot write.*No space"):
+            writer.add_dead_reckoning(1, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+
+
+def test_results_that_were_not_smoothed_say_so(run: Run, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "results") as writer:
+        run.write(writer)
+    results = read_results(tmp_path / "results")
+    assert results.smoothed is None
+    assert results.smoothed_covariances is None

@@ -1,0 +1,54 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import pytest
+
+from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.data.sweeps.plan import SweepPlan
+from vislam_ros.data.sweeps.plot import draw_sweep, picture_bytes
+from vislam_ros.data.sweeps.table import gather
+
+GATE = {"slam_node.chi2_gate": (9.0, 16.0, 25.0)}
+FRACTION = {"slam_node.feature_fraction": (0.3, 0.5)}
+ESTIMATOR = {"slam_node.estimator": ("joint", "block_diagonal")}
+
+
+def drawn(grid, seeds=(0,), truth=True):
+    """A sweep in which everything is known but its second run, which failed."""
+    plan = SweepPlan(SlamSettings(), PredictionSettings(), None, grid, seeds)
+    figures = {"ate_m": 1.5, "nees_per_dof": 2.0} if truth else {}
+    rows = {
+        run.key: {"key": run.key, "seed": run.seed, "nis_per_dof": 1.0, "error": None, **figures}
+        for run in plan.runs
+    }
+    if len(rows) > 1:
+        rows[plan.runs[1].key] = {"key": plan.runs[1].key, "error": "failed"}
+    return draw_sweep(plan, gather(plan.runs, rows))
+
+
+@pytest.mark.parametrize(
+    ("grid", "label"),
+    [
+        ({}, "seed"),
+        (GATE, "slam_node.chi2_gate"),
+        (ESTIMATOR, "slam_node.estimator"),
+        ({**FRACTION, **GATE}, "slam_node.chi2_gate"),
+        ({**ESTIMATOR, **FRACTION, **GATE}, "slam_node.chi2_gate"),
+    ],
+)
+def test_whatever_is_swept_stands_along_x(grid, label):
+    figure = drawn(grid)
+    assert [axes.get_title() for axes in figure.axes] == ["ATE, aligned [m]", "NEES / 6"]
+    assert all(axes.get_xlabel() == label for axes in figure.axes)
+    assert picture_bytes(figure).startswith(b"\x89PNG")
+
+
+def test_a_field_is_labelled_with_its_value_and_a_failed_one_with_a_dash():
+    figure = drawn({**FRACTION, **GATE})
+    texts = [text.get_text() for text in figure.axes[0].texts]
+    assert texts == ["1.5", "-", "1.5", "1.5", "1.5", "1.5"]
+
+
+def test_without_a_truth_consistency_is_drawn():
+    figure = drawn(GATE, truth=False)
+    assert figure.axes[0].get_title() == "NIS / dof"
+    assert "not known" in figure.axes[1].texts[0].get_text()

@@ -1,0 +1,47 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Which feature frames count as answered."""
+
+import threading
+
+import pytest
+
+from vislam_ros.nodes.player.window import FeatureWindow
+
+
+@pytest.fixture
+def window():
+    window = FeatureWindow(threading.Condition())
+    for stamp in (10, 20, 30):
+        window.add(stamp)
+    return window
+
+
+def test_an_answer_counts_for_its_own_frame(window):
+    window.acknowledge(10)
+    assert (window.sent, window.acknowledged, window.waiting) == (3, 1, 2)
+
+
+def test_an_answer_counts_for_the_refused_frames_before_it(window):
+    window.acknowledge(30)
+    assert (window.acknowledged, window.waiting) == (3, 0)
+
+
+def test_a_stamp_from_before_the_window_counts_for_nothing(window):
+    window.acknowledge(5)
+    assert (window.acknowledged, window.waiting) == (0, 3)
+
+
+def test_a_frame_that_came_late_is_answered_with_the_one_before_it(window):
+    window.add(15)
+    window.acknowledge(30)
+    assert window.waiting == 0
+
+
+def test_after_a_stall_answers_are_expected_again_with_the_next_one(window):
+    window.forget()
+    assert (window.waiting, window.answered) == (0, False)
+    window.add(40)
+    window.acknowledge(40)
+    assert window.answered
+    assert (window.sent, window.acknowledged) == (4, 1)

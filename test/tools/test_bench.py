@@ -1,0 +1,87 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""tools/bench.py measures what it is asked to, once, and writes it down."""
+
+import json
+import os
+import subprocess
+import sys
+
+from places import REPOSITORY
+
+from vislam_ros.data.simulation.file import write_simulated
+from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
+
+TOOL = REPOSITORY / "tools" / "bench.py"
+
+
+def bench(*arguments):
+    return subprocess.run(
+        [sys.executable, TOOL, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=110,
+        check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+
+
+def test_the_step_is_measured_above_its_floor_and_written_as_json(tmp_path):
+    out = tmp_path / "bench.json"
+    result = bench("--only", "a", "--quick", "--estimator", "joint", "--out", out)
+    assert result.returncode == 0, result.stderr
+    assert "step / floor" in result.stdout
+    report = json.loads(out.read_text())
+    assert report["estimator"] == "joint"
+    assert "dense" not in report
+    assert {row["active"] for row in report["floor"]} == {66, 150}
+    assert all(row["ratio"] > 0 and row["floor_ms"] > 0 for row in report["floor"])
+    assert report["machine"]["blas"]
+
+    again = bench("--only", "a", "--quick", "--out", out)
+    assert again.returncode == 1
+    assert again.stderr.startswith("error:")
+    assert "--force" in again.stderr
+
+
+def of_a_drive(section, folder, **simulation):
+    """What a section prints and writes about a simulated drive, its reference beside it."""
+    data, out = folder / "drive.npz", folder / "bench.json"
+    write_simulated(data, simulate(SimulationSettings(**simulation)))
+    result = bench("--only", section, "--quick", "--data", data, "--out", out)
+    assert result.returncode == 0, result.stderr
+    return result.stdout, json.loads(out.read_text())
+
+
+def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path):
+    _, report = of_a_drive("d", tmp_path, steps=40, landmarks=200)
+    rows = report["drive"]
+    assert rows[0]["steps"] == rows[1]["steps"] == 40
+    assert all(row["ate_m"] > 0 for row in rows)
+
+
+def test_a_drive_is_measured_beside_itself_with_other_noise(tmp_path):
+    printed, report = of_a_drive("h", tmp_path, steps=60, landmarks=300)
+    assert "other pixels and twists" in printed
+    itself, *others = report["redrawn"]["runs"]
+    assert [itself["drives"], *(row["drives"] for row in others)] == [1, 2, 2]
+    assert all(row["nees_least"] <= row["nees"] <= row["nees_greatest"] for row in others)
+
+
+def test_consistency_is_measured_on_drives_of_each_kind(tmp_path):
+    out = tmp_path / "bench.json"
+    result = bench("--only", "f", "--quick", "--seeds", 1, "--out", out)
+    assert result.returncode == 0, result.stderr
+    assert "NEES/6" in result.stdout
+    assert "disparities of f: median" in result.stdout
+    consistency = json.loads(out.read_text())["consistency"]
+    assert consistency["seeds"] == 1
+    assert len(consistency["drives"]) == 4
+    assert {row["name"] for row in consistency["runs"]} == {"robocentric", "smoothed", "joint"}
+    assert all(row["nees"] > 0 and row["to_batch"] > 0 for row in consistency["runs"])
+
+
+def test_an_unknown_section_is_wrong_usage():
+    result = bench("--only", "a,z")
+    assert result.returncode == 2
+    assert "a, b, c, d, e, f, g, h" in result.stderr

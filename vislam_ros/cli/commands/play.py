@@ -1,0 +1,69 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""``vislam play``: the player in this process."""
+
+import argparse
+import dataclasses
+import signal
+import sys
+from types import FrameType
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+
+from vislam_ros.cli.exit_codes import INTERRUPTED, OK
+from vislam_ros.cli.screen import progress_bar
+from vislam_ros.data.bags.integrity import require_intact
+from vislam_ros.data.bags.reader import BagMessages
+from vislam_ros.nodes.player.keys import RIGHT_ARROW, SPACE, watch_keys
+from vislam_ros.nodes.player.options import PlayOptions, PlayReport
+from vislam_ros.nodes.player.player import Player
+
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command."""
+    names = [field.name for field in dataclasses.fields(PlayOptions)]
+    options = PlayOptions(**{name: getattr(arguments, name) for name in names})
+    require_intact(arguments.bag)
+    with BagMessages(arguments.bag) as bag:
+        # The handlers below are ours: rclpy's would end ROS before the player said good-bye.
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            player = Player(bag, options)
+            try:
+                report = _play(player, bag, options)
+            finally:
+                player.destroy_node()
+        finally:
+            try_shutdown()
+    _print(report)
+    return OK if report.state == "finished" else INTERRUPTED
+
+
+def _play(player: Player, bag: BagMessages, options: PlayOptions) -> PlayReport:
+    def interrupt(_signal: int, _frame: FrameType | None) -> None:
+        player.clock.interrupt()
+
+    before = {number: signal.signal(number, interrupt) for number in _ENDING_SIGNALS}
+    seconds = min(options.duration, bag.duration * 1e-9 - options.start_offset)
+    keys = {SPACE: player.toggle, RIGHT_ARROW: player.step}
+    try:
+        with progress_bar("playing", seconds) as update, watch_keys(keys):
+            return player.play(
+                lambda done: update(done, f"{player.state} {player.report.rate:.2f} x")
+            )
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _print(report: PlayReport) -> None:
+    print(
+        f"{report.state}: {report.messages} messages, {report.bag_seconds:.2f} s in "
+        f"{report.wall_seconds:.2f} s ({report.rate:.2f} times real time), "
+        f"{'all' if report.delivered else 'NOT all'} delivered",
+        file=sys.stderr,
+    )

@@ -1,0 +1,23 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""``vislam plot``: pictures of results."""
+
+import argparse
+
+from vislam_ros.cli.exit_codes import OK
+from vislam_ros.data.pictures.results import plot_results
+from vislam_ros.data.results.reader import read_results
+from vislam_ros.data.trajectory import read_tum
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command."""
+    pictures = plot_results(
+        read_results(arguments.directory),
+        read_tum(arguments.reference) if arguments.reference else None,
+        output=arguments.output,
+        force=arguments.force,
+    )
+    for picture in pictures:
+        print(picture)
+    return OK

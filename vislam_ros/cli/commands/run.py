@@ -1,0 +1,261 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""``vislam run``: the live graph as processes, from a drive to a result directory.
+
+This process never touches ROS: it starts the nodes and the player, watches them, and reads what
+the recorder writes.
+"""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from types import FrameType
+from typing import Any, NoReturn
+
+from vislam_ros.cli.domain import own_domain
+from vislam_ros.cli.exit_codes import INTERRUPTED, OK
+from vislam_ros.cli.parameters import RunParameters, run_parameters, shared_file
+from vislam_ros.cli.processes import Child, Children
+from vislam_ros.cli.reading import conventions, print_notes
+from vislam_ros.cli.screen import print_summary, progress_bar
+from vislam_ros.data.bags.integrity import require_intact
+from vislam_ros.data.bags.layout import FEATURES
+from vislam_ros.data.bags.reader import BagMessages, is_bag
+from vislam_ros.data.conversion import convert
+from vislam_ros.data.files.parameter_file import write_parameters
+from vislam_ros.data.files.whole_file import replace_file
+from vislam_ros.data.results.summary import RunSummary, read_summary
+from vislam_ros.data.results.writer import refuse_used
+from vislam_ros.errors import VislamError
+
+NODES = ("imu_prediction_node", "slam_node", "recorder_node")
+
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+_POLL_SECONDS = 0.1
+_START_UP_SECONDS = 60.0
+# The exact map takes slam_node some milliseconds for each step of the drive.
+_SETTLING_SECONDS, _SETTLING_SECONDS_A_STEP = 90.0, 0.04
+_PARTING_SECONDS = 30.0
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command."""
+    started = time.monotonic()
+    parameters = run_parameters(arguments)
+    results: Path = arguments.out.resolve()
+    refuse_used(results, force=arguments.force)
+    error: BaseException | None = None
+    with _interruptible(), tempfile.TemporaryDirectory(prefix="vislam_run_") as scratch:
+        bag = _bag(arguments, Path(scratch))
+        _claim(results)
+        try:
+            _run_graph(bag, results, parameters, arguments.rate, Path(scratch))
+            _draw(results)
+        except (KeyboardInterrupt, VislamError) as caught:
+            error = caught
+        summary = _end_summary(results, started, arguments.data.stem)
+    if summary:
+        print_summary(f"{summary['drive']} in {arguments.out}", summary)
+    if isinstance(error, KeyboardInterrupt):
+        print(f"interrupted: what there is stands in {results}", file=sys.stderr)
+        return INTERRUPTED
+    if error is not None:
+        raise error
+    if not summary.get("complete"):
+        raise VislamError(f"{results}: incomplete: {summary.get('incomplete_reason')}")
+    return OK
+
+
+def _claim(directory: Path) -> None:
+    """Make the result directory with its folder of logs."""
+    try:
+        # It must not be taken for the one that the recorder is going to write.
+        (directory / "summary.json").unlink(missing_ok=True)
+        (directory / "log").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise VislamError(
+            f"{directory}: cannot be a result directory: {error.strerror}"
+        ) from error
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let SIGTERM interrupt as Ctrl-C does; the ending itself is not to be interrupted."""
+
+    def interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
+        _ignore_interrupts()
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in _INTERRUPTS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _ignore_interrupts() -> None:
+    for number in _INTERRUPTS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _bag(arguments: argparse.Namespace, scratch: Path) -> Path:
+    """Return the bag to play: the one given or one made of the dataset given."""
+    if is_bag(arguments.data):
+        require_intact(arguments.data)
+        return Path(arguments.data).resolve()
+    bag = scratch / arguments.data.stem
+    with progress_bar("converting", 1.0) as update:
+        drive = convert(
+            arguments.data,
+            bag,
+            conventions=conventions(arguments),
+            progress=lambda share: update(share, ""),
+        )
+    print_notes(drive)
+    return bag
+
+
+def _run_graph(
+    bag: Path, results: Path, parameters: RunParameters, rate: float, scratch: Path
+) -> None:
+    """Start the graph, wait until the recorder is done, and end it whatever happens."""
+    recorder = {**parameters.given["recorder_node"], "directory": str(results), "force": True}
+    params_file = scratch / "params.yaml"
+    given = {**parameters.given, "recorder_node": recorder}
+    write_parameters(params_file, {node: values for node, values in given.items() if values})
+    frames = _count_frames(bag)
+    with _ros_environment(results / "log") as environment:
+        children = Children(environment, results / "log")
+        try:
+            nodes = [
+                children.start(
+                    name,
+                    f"vislam_ros.nodes.{name}",
+                    ["--ros-args", "--params-file", str(params_file)],
+                )
+                for name in NODES
+            ]
+            player = children.start(
+                "player",
+                "vislam_ros.cli.main",
+                [
+                    "play",
+                    str(bag),
+                    "--whole-graph",
+                    f"--wait={_START_UP_SECONDS}",
+                    f"--rate={rate}",
+                ],
+            )
+            with progress_bar("running", frames) as update:
+                _watch(nodes, player, results / "summary.json", update)
+        except (KeyboardInterrupt, VislamError):
+            _ignore_interrupts()
+            _part(children, results / "summary.json")
+            raise
+        finally:
+            children.end()
+
+
+def _count_frames(bag: Path) -> int:
+    with BagMessages(bag) as messages:
+        counts = {connection.topic: connection.count for connection in messages.connections}
+    return counts.get(FEATURES.recorded, 0)
+
+
+@contextmanager
+def _ros_environment(log_folder: Path) -> Iterator[dict[str, str]]:
+    """Environment of the children: on a domain and a machine of their own unless told."""
+    profiles = shared_file("fastdds.xml")
+    environment = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(log_folder / "ros"),
+        **({"FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles)} if profiles else {}),
+        **os.environ,
+    }
+    given = environment.get("ROS_DOMAIN_ID")
+    with nullcontext(given) if given else own_domain() as domain:
+        yield {**environment, "ROS_DOMAIN_ID": str(domain)}
+
+
+def _watch(
+    nodes: list[Child], player: Child, summary_file: Path, update: Callable[[float, str], None]
+) -> None:
+    """Wait until the recorder says how the run ended.
+
+    Raises
+    ------
+    VislamError
+        Where a process ends before its time or the recorder does not come to its end.
+    """
+    player_ended: float | None = None
+    while True:
+        summary = _peek(summary_file)
+        update(summary.get("steps", 0), f"{summary.get('landmarks') or 0} landmarks")
+        if _is_settled(summary):
+            player.wait(_PARTING_SECONDS)
+            return
+        for child in nodes:
+            if child.exit_code is not None:
+                raise child.died()
+        if player.exit_code not in (None, OK):
+            raise player.died()
+        if player.exit_code == OK:
+            player_ended = player_ended or time.monotonic()
+            patience = _SETTLING_SECONDS + _SETTLING_SECONDS_A_STEP * summary.get("steps", 0)
+            if time.monotonic() - player_ended > patience:
+                raise VislamError(f"recorder_node did not come to its end in {patience:.0f} s")
+        time.sleep(_POLL_SECONDS)
+
+
+def _part(children: Children, summary_file: Path) -> None:
+    """Let the player say good-bye and the recorder hear it, if they are at work at all."""
+    if not (_peek(summary_file).get("steps") and children.all_alive()):
+        return
+    children.last.ask_to_end()
+    end = time.monotonic() + _PARTING_SECONDS
+    while time.monotonic() < end and not _is_settled(_peek(summary_file)):
+        time.sleep(_POLL_SECONDS)
+
+
+def _peek(summary_file: Path) -> Mapping[str, Any]:
+    """Summary as it stands; empty while there is none."""
+    try:
+        return read_summary(summary_file)
+    except VislamError:
+        return {}
+
+
+def _is_settled(summary: Mapping[str, Any]) -> bool:
+    return bool(summary) and (
+        summary["complete"] or summary["incomplete_reason"] != RunSummary.incomplete_reason
+    )
+
+
+def _end_summary(results: Path, started: float, drive: str) -> Mapping[str, Any]:
+    """Put into the summary what the recorder cannot know, and return it."""
+    file = results / "summary.json"
+    summary = dict(_peek(file))
+    if summary:
+        summary["drive"] = summary["drive"] or drive
+        summary["total_s"] = time.monotonic() - started
+        replace_file(file, (json.dumps(summary, indent=2) + "\n").encode("utf-8"))
+    return summary
+
+
+def _draw(results: Path) -> None:
+    # Not needed before the end, and slow to import.
+    from vislam_ros.data.pictures.results import plot_results
+    from vislam_ros.data.results.reader import read_results
+
+    try:
+        plot_results(read_results(results), force=True)
+    except VislamError as error:
+        print(f"warning: no picture: {error}", file=sys.stderr)

@@ -1,0 +1,95 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""``vislam solve``: the estimators offline, in this process."""
+
+import argparse
+import dataclasses
+import time
+
+from vislam_ros.cli.exit_codes import OK
+from vislam_ros.cli.parameters import RunParameters, run_parameters
+from vislam_ros.cli.reading import read_input
+from vislam_ros.cli.screen import print_summary, progress_bar
+from vislam_ros.core.filters.dead_reckoning import Prediction
+from vislam_ros.core.slam import SlamStep, require_smoothable
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.results.summary import StepStatistics, peak_rss_mb
+from vislam_ros.data.results.writer import ResultWriter, refuse_used
+from vislam_ros.data.solving import Solution, smoothed_trajectory, solve
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command."""
+    started = time.monotonic()
+    parameters = run_parameters(arguments)
+    if arguments.smooth:
+        require_smoothable(parameters.slam)
+    refuse_used(arguments.out, force=arguments.force)
+    drive = read_input(arguments)
+    with ResultWriter(arguments.out, force=arguments.force, started=started) as writer:
+        writer.summary.drive = drive.name
+        writer.set_parameters(_as_used(parameters))
+        solution = _solve(drive, parameters, writer, smooth=arguments.smooth)
+        writer.set_landmarks(solution.landmarks)
+        if solution.smoothed is not None:
+            smoothed = solution.smoothed
+            writer.set_smoothed(
+                smoothed_trajectory(smoothed),
+                smoothed.covariances,
+            )
+        writer.summary.refused = solution.refused
+        writer.summary.resets = solution.resets
+        writer.summary.peak_rss_mb = peak_rss_mb()
+        writer.finish(complete=True)
+    print_summary(f"{drive.name} in {arguments.out}", writer.summary.as_dict())
+    return OK
+
+
+def _solve(
+    drive: Drive, parameters: RunParameters, writer: ResultWriter, *, smooth: bool
+) -> Solution:
+    done = 0
+    with progress_bar("solving", drive.steps) as update:
+
+        def add_prediction(prediction: Prediction) -> None:
+            writer.add_dead_reckoning(prediction.stamp, prediction.position, prediction.quaternion)
+
+        def add_step(step: SlamStep) -> None:
+            writer.add_step(
+                step.stamp,
+                step.position,
+                step.quaternion,
+                step.covariance,
+                _statistics(step),
+            )
+            writer.summary.gyro_bias = step.gyro_bias
+            nonlocal done
+            done += 1
+            ends = smooth and done == drive.steps
+            update(done, "smoothing" if ends else f"{step.landmarks} landmarks")
+
+        return solve(
+            drive,
+            parameters.slam,
+            parameters.prediction,
+            given_map=parameters.given_map,
+            smooth=smooth,
+            on_prediction=add_prediction,
+            on_step=add_step,
+        )
+
+
+def _statistics(step: SlamStep) -> StepStatistics:
+    names = [field.name for field in dataclasses.fields(StepStatistics) if field.name != "ms"]
+    return StepStatistics(**{name: getattr(step, name) for name in names}, ms=step.duration_ms)
+
+
+def _as_used(parameters: RunParameters) -> dict[str, dict[str, object]]:
+    """Every parameter that the estimators had, in the sections of the nodes."""
+    return {
+        "imu_prediction_node": dataclasses.asdict(parameters.prediction),
+        "slam_node": {
+            **dataclasses.asdict(parameters.slam),
+            "map_file": parameters.given["slam_node"].get("map_file", ""),
+        },
+    }

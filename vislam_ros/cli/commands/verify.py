@@ -1,0 +1,61 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""``vislam verify``: whether a bag or a result directory is whole."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from vislam_ros.cli.exit_codes import FAILED, OK
+from vislam_ros.data.bags.integrity import verify_bag
+from vislam_ros.data.bags.reader import is_bag
+from vislam_ros.data.results.reader import read_results
+from vislam_ros.errors import VislamError
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command."""
+    path: Path = arguments.path
+    if path.is_dir() and not is_bag(path) and (path / "summary.json").exists():
+        faults, notes = _result_faults(path), []
+    else:
+        report = verify_bag(path)
+        faults, notes = list(report.faults), list(report.notes)
+    for note in notes:
+        print(f"note: {path}: {note}", file=sys.stderr)
+    for fault in faults:
+        print(f"error: {path}: {fault}", file=sys.stderr)
+    if faults:
+        return FAILED
+    print(f"{path}: whole")
+    return OK
+
+
+def _result_faults(directory: Path) -> list[str]:
+    """What is missing in a result directory or contradicts its summary, a line each."""
+    try:
+        results = read_results(directory)
+    except VislamError as error:
+        return [str(error).removeprefix(f"{directory}: ")]
+    summary = results.summary
+    faults = []
+    if not summary.get("complete"):
+        faults.append(f"incomplete: {summary.get('incomplete_reason') or 'the run has not ended'}")
+    if summary.get("steps") != len(results.trajectory):
+        faults.append(
+            f"trajectory.tum holds {len(results.trajectory)} poses, summary.json says "
+            f"{summary.get('steps')}"
+        )
+    rows = len(results.steps["stamp"])
+    if rows != len(results.trajectory):
+        faults.append(f"steps.csv holds {rows} rows for {len(results.trajectory)} poses")
+    if results.landmarks is None:
+        faults.append("landmarks.npz is missing")
+    elif summary.get("landmarks") != len(results.landmarks):
+        faults.append(
+            f"landmarks.npz holds {len(results.landmarks)} landmarks, summary.json says "
+            f"{summary.get('landmarks')}"
+        )
+    if not results.parameters:
+        faults.append("params.yaml is missing")
+    return faults

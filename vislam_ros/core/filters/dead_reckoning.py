@@ -1,0 +1,146 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Dead reckoning: twist samples summed up to a pose, the report's eq. 51-52."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vislam_ros.core.filters.estimator import Outcome
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.motion import Increment, process_covariance, propagate, symmetrized
+from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.tracking.time_order import Refusal, TimeOrder
+from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A predicted pose.
+
+    Attributes
+    ----------
+    stamp : int
+        Nanoseconds.
+    position : ndarray, (3,)
+        Body in the odometry frame, metres.
+    quaternion : ndarray, (4,)
+        x, y, z, w.
+    covariance : ndarray, (6, 6)
+        Of the error ``[rho; theta]`` on the right of the pose.
+    twist : ndarray, (6,)
+        ``[v; omega]`` in the body frame, metres and radians a second.
+    twist_covariance : ndarray, (6, 6)
+    """
+
+    stamp: int
+    position: Array
+    quaternion: Array
+    covariance: Array
+    twist: Array
+    twist_covariance: Array
+
+
+class DeadReckoning:
+    """Pose from twists alone. It never hears of corrections: it is the ``odom`` frame.
+
+    A twist holds over the interval that ends at its stamp, so the first one only starts the
+    clock: the pose begins at the identity.
+    """
+
+    def __init__(self, settings: PredictionSettings):
+        self._settings = settings
+        self._order = TimeOrder(settings.time_jump)
+        self.refused: Counter[str] = Counter()
+        self.resets = 0
+        self._start()
+
+    def _start(self) -> None:
+        self._stamp: int | None = None
+        self._T = np.eye(4)
+        self._covariance = self._settings.prior_pose_variance * np.eye(6)
+
+    def reset(self) -> None:
+        """Begin anew at the identity with the next twist."""
+        self._order.reset()
+        self._start()
+        self.resets += 1
+
+    def add_twist(self, stamp: int, twist: ArrayLike) -> Prediction | None:
+        """Carry the pose to a stamp.
+
+        Parameters
+        ----------
+        stamp : int
+            Nanoseconds.
+        twist : array_like, (6,)
+            ``[v; omega]`` over the interval that ends at ``stamp``.
+
+        Returns
+        -------
+        Prediction or None
+            None where the twist is refused; ``refused`` counts why.
+        """
+        twist = np.asarray(twist, dtype=float)
+        reason = self._order.refusal(stamp)
+        if twist.shape != (6,):
+            reason = Refusal.WRONG_SIZE
+        elif not np.all(np.isfinite(twist)):
+            reason = Refusal.NON_FINITE
+        if reason is not None:
+            self.refused[reason.value] += 1
+            return None
+        if self._order.is_jump(stamp):
+            self.reset()
+        self._order.accept(stamp)
+        duration = 0.0 if self._stamp is None else (stamp - self._stamp) * 1e-9
+        if self._stamp is not None:
+            step = Increment(
+                se3.exp(duration * twist), duration, process_covariance(self._settings, duration)
+            )
+            self._T = self._T @ step.T
+            self._covariance = symmetrized(propagate(self._covariance, step))
+        self._stamp = stamp
+        return Prediction(
+            stamp=stamp,
+            position=self._T[:3, 3].copy(),
+            quaternion=se3.quaternion_from_rotation(self._T[:3, :3]),
+            covariance=self._covariance,
+            twist=twist,
+            twist_covariance=self._twist_covariance(duration),
+        )
+
+    def _twist_covariance(self, duration: float) -> Array:
+        """Noise of a twist sample, from the noise it gives the pose over a step."""
+        if self._settings.process_noise == "white_twist":
+            return process_covariance(self._settings, 1.0)
+        if duration == 0.0:
+            return np.zeros((6, 6))
+        return process_covariance(self._settings, duration) / duration**2
+
+
+class DeadReckoningEstimator:
+    """Prediction only (the report's eq. 51-52): what SLAM is to be compared with."""
+
+    active = 0
+    landmark_count = 0
+    gyro_bias = None
+    gyro_bias_std = None
+
+    def __init__(self, settings: SlamSettings):
+        self.T_world_body = np.eye(4)
+        self.pose_covariance: Array = settings.prior_pose_variance * np.eye(6)
+
+    def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
+        """Carry the pose over the motion; the frame is not looked at."""
+        self.T_world_body = self.T_world_body @ increment.T
+        self.pose_covariance = symmetrized(propagate(self.pose_covariance, increment))
+        return Outcome()
+
+    def landmarks(self) -> tuple[Keys, Array, Array]:
+        """Return an empty map."""
+        return np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 3, 3))

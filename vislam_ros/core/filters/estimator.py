@@ -1,0 +1,75 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What every filter takes and gives."""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core.motion import Increment
+from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a filter did with one frame.
+
+    Attributes
+    ----------
+    used, admitted : int
+        Observations that corrected the state, and those that began a landmark.
+    rejected : ndarray of int64, (n,)
+        Keys of the landmarks whose observation failed a gate; the filter has set them aside.
+    nis : float
+        Normalised innovation squared of the used observations together.
+    nis_dof : int
+        Its degrees of freedom.
+    """
+
+    used: int = 0
+    admitted: int = 0
+    rejected: Keys = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    nis: float = 0.0
+    nis_dof: int = 0
+
+    @property
+    def agrees_with_most(self) -> bool:
+        """Whether more was used than rejected; where not, it is the estimate that is wrong."""
+        return len(self.rejected) < self.used
+
+
+class Estimator(Protocol):
+    """A filter: it is told of motions and frames, and can be asked for its estimate."""
+
+    T_world_body: Array
+    """Pose (4, 4) of the body in the world."""
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Covariance (6, 6) of the pose error ``[rho; theta]`` on the right."""
+
+    @property
+    def gyro_bias(self) -> Array | None:
+        """Gyroscope bias (3,), radians a second; None where the filter has none."""
+
+    @property
+    def gyro_bias_std(self) -> Array | None:
+        """Its standard deviations (3,)."""
+
+    @property
+    def active(self) -> int:
+        """Number of landmarks that the next frame can correct."""
+
+    @property
+    def landmark_count(self) -> int:
+        """Number of landmarks, set aside ones included."""
+
+    def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
+        """Carry the estimate over a motion, then take the frame seen at its end."""
+
+    def landmarks(self) -> tuple[Keys, Array, Array]:
+        """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""

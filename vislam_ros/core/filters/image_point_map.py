@@ -1,0 +1,157 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""From image points to the map: world positions of landmarks that the robocentric filter holds.
+
+Setting a landmark aside costs the filter's step a few copies; its position in the world is
+worked out when somebody asks for the map, for all that are waiting at once.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core.compiled import compiled
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.lens import radial_shift
+from vislam_ros.core.landmarks import LandmarkStore
+from vislam_ros.core.motion import symmetrized
+from vislam_ros.core.tracking.tracked_frame import Keys
+
+Array = NDArray[np.float64]
+
+# A landmark has a position in metres where its disparity is positive beyond doubt; nearer to zero
+# than this many standard deviations no Gaussian in metres describes it.
+_SIGNIFICANT_DISPARITY = 2.0
+
+
+@dataclass(frozen=True)
+class ImagePoints:
+    """Landmarks as image points, with their errors and those of the state they lie in.
+
+    Attributes
+    ----------
+    y : ndarray, (m, 3)
+        ``(u_left, u_right, v)`` in the camera's frame, pixels, free of distortion.
+    own : ndarray, (m, 3, 3)
+        Covariances of the errors at a given distortion: the error of y is ``delta_y +
+        D(y) delta_kappa`` (see lens).
+    cross : ndarray, (m, 3, 7)
+        Covariances with the errors of the pose and of the lens.
+    small : ndarray, (7, 7) or (m, 7, 7)
+        Covariance of these.
+    T_world_body : ndarray, (4, 4) or (m, 4, 4)
+    """
+
+    y: Array
+    own: Array
+    cross: Array
+    small: Array
+    T_world_body: Array
+
+    def of(self, chosen: NDArray[np.bool_]) -> "ImagePoints":
+        """Some (m,) of these landmarks, of one state."""
+        if np.all(chosen):
+            return self
+        return replace(self, y=self.y[chosen], own=self.own[chosen], cross=self.cross[chosen])
+
+
+class Positions(NamedTuple):
+    """World positions of landmarks, and how they depend on the error state.
+
+    Attributes
+    ----------
+    means : ndarray, (m, 3)
+        Metres.
+    covariances : ndarray, (m, 3, 3)
+    J_small : ndarray, (m, 3, 7)
+        Derivative by the errors of pose and lens.
+    J_landmark : ndarray, (m, 3, 3)
+        Derivative by the image point.
+    """
+
+    means: Array
+    covariances: Array
+    J_small: Array
+    J_landmark: Array
+
+
+@compiled("boolean[::1](float64[:, :], float64[:, :, :])")
+def has_position(y: Array, own: Array) -> NDArray[np.bool_]:
+    """Tell which image points (m, 3) with covariances (m, 3, 3) are at a certain distance."""
+    certain = np.empty(len(y), dtype=np.bool_)
+    for i in range(len(y)):
+        variance = max(own[i, 0, 0] + own[i, 1, 1] - 2 * own[i, 0, 1], 0.0)
+        certain[i] = y[i, 0] - y[i, 1] > _SIGNIFICANT_DISPARITY * math.sqrt(variance)
+    return certain
+
+
+def world_positions(camera: StereoCamera, points: ImagePoints) -> Positions:
+    """Positions of landmarks that have one."""
+    y = points.y
+    T_body_camera, T = camera.T_body_camera, points.T_world_body
+    points_body = camera.triangulate(y) @ T_body_camera[:3, :3].T + T_body_camera[:3, 3]
+    R = T[..., :3, :3]
+    means = (R @ points_body[..., None])[..., 0] + T[..., :3, 3]
+    J_y = (R @ T_body_camera[:3, :3]) @ camera.triangulate_jacobian(y)
+    J_s = np.zeros(points.cross.shape)
+    J_s[:, :, :3] = R
+    J_s[:, :, 3:6] = -R @ se3.hat(points_body)
+    J_s[:, :, -1] = (J_y @ radial_shift(camera, y)[..., None])[..., 0]
+    mixed = J_y @ points.cross @ np.swapaxes(J_s, -1, -2)
+    covariances = (
+        J_s @ points.small @ np.swapaxes(J_s, -1, -2)
+        + mixed
+        + np.swapaxes(mixed, -1, -2)
+        + J_y @ points.own @ np.swapaxes(J_y, -1, -2)
+    )
+    return Positions(means, symmetrized(covariances), J_s, J_y)
+
+
+class ImagePointMap:
+    """Landmarks that were set aside as image points.
+
+    Parameters
+    ----------
+    camera : StereoCamera
+    """
+
+    def __init__(self, camera: StereoCamera):
+        self._camera = camera
+        self._store = LandmarkStore()
+        self._waiting: list[tuple[Keys, ImagePoints]] = []
+        self._waiting_count = 0
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return self._store.count + self._waiting_count
+
+    def add(self, keys: Keys, points: ImagePoints) -> None:
+        """Add landmarks (m,) that have a position; of one state, one pose and one lens."""
+        if len(keys):
+            self._waiting.append((keys, points))
+            self._waiting_count += len(keys)
+
+    def all(self) -> tuple[Keys, Array, Array]:
+        """Keys (M,), world positions (M, 3) and covariances (M, 3, 3), in the order they came."""
+        if self._waiting:
+            keys = np.concatenate([keys for keys, _ in self._waiting])
+            means, covariances, _, _ = world_positions(self._camera, self._joined())
+            self._store.add(keys, means, covariances)
+            self._waiting, self._waiting_count = [], 0
+        return self._store.all()
+
+    def _joined(self) -> ImagePoints:
+        batches = [points for _, points in self._waiting]
+        counts = [len(points.y) for points in batches]
+        return ImagePoints(
+            y=np.concatenate([points.y for points in batches]),
+            own=np.concatenate([points.own for points in batches]),
+            cross=np.concatenate([points.cross for points in batches]),
+            small=np.repeat([points.small for points in batches], counts, axis=0),
+            T_world_body=np.repeat([points.T_world_body for points in batches], counts, axis=0),
+        )

@@ -1,0 +1,107 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Noise levels of the motion, learned as the filter goes.
+
+Where vision has seen a step, the filter tells how much the twist has changed in it and how far the
+measured twist was off: the expectation-maximisation step of Shumway and Stoffer (*An approach to
+time series smoothing and forecasting using the EM algorithm*, 1982), with filtered moments in
+place of smoothed ones and a mean that forgets. On each axis, for the random step ``u = u_before +
+w``, ``w ~ N(0, Q)``, and for the measurement ``z = h(x) + n``, ``n ~ N(0, R)`` ::
+
+    E[w^2] = (g (u+ - u-))^2 + Q - g^2 (P- - P+),    g = Q / P-
+    E[n^2] = (z - h(x+))^2 + H P+ H^T
+
+where - and + stand for before and after all that was measured in the step. Slow errors of the
+model would pass for noise of the measured twist, so the level of its third differences (see
+twist_noise), which know none, bounds it; that alone counts until vision has seen enough. All look
+back only, so the levels are the same live and offline.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core.noise.twist_noise import TwistNoise
+
+Array = NDArray[np.float64]
+
+# Half a minute at 10 Hz; the prior of the walk counts as the first few steps.
+_MEMORY = 300
+_PRIOR_STEPS = 5
+# Steps seen before what they tell of the measured twist counts.
+_ENOUGH_STEPS = 50
+# A twist that repeats itself to the last digit is still no better than this [m/s, rad/s].
+_SMALLEST_NOISE = (1e-5, 1e-6)
+# A motion that never changes would make the twist constant for good [m/s/sqrt(s), rad/s/sqrt(s)].
+_SMALLEST_WALK = np.repeat([3e-3, 3e-4], 3)
+
+
+class MotionNoise:
+    """Running noise of the measured twist, and density of the twist's own random walk.
+
+    Parameters
+    ----------
+    twist_std : ndarray, (6,)
+        White noise of a sample to believe at first, metres and radians a second.
+    walk_std : ndarray, (6,)
+        Random walk to believe at first, the same a root of a second.
+
+    Attributes
+    ----------
+    walk_variance : ndarray, (6,)
+        Variance of the twist's change in a second on each axis.
+    """
+
+    def __init__(self, twist_std: Array, walk_std: Array):
+        self._differences = TwistNoise(twist_std)
+        self._learned = 0
+        self._unexplained: Array = np.zeros(6)
+        self.walk_variance: Array = np.square(walk_std)
+
+    def hear(self, twist: Array) -> None:
+        """Take a measured twist (6,)."""
+        self._differences.add(twist)
+
+    @property
+    def twist_variance(self) -> Array:
+        """Variance (6,) of the measured twist.
+
+        A sensor's white noise is alike on its three axes and the motion, which adds to the third
+        differences, is not: the smallest axis counts.
+        """
+        # Number by number: numpy's calls would take ten times as long as the arithmetic.
+        std, unexplained = self._differences.std.tolist(), self._unexplained.tolist()
+        levels: list[float] = []
+        for sensor, smallest in (
+            (slice(0, 3), _SMALLEST_NOISE[0]),
+            (slice(3, 6), _SMALLEST_NOISE[1]),
+        ):
+            level = min(std[sensor]) ** 2
+            if self._learned >= _ENOUGH_STEPS:
+                level = min(level, sum(unexplained[sensor]) / 3)
+            levels += 3 * [max(level, smallest**2)]
+        return np.array(levels)
+
+    def learn(
+        self, change: Array, before: Array, after: Array, unexplained: Array, tau: float
+    ) -> None:
+        """Learn from a step in which vision has seen the motion.
+
+        Parameters
+        ----------
+        change : ndarray, (6,)
+            ``u+ - u-``: how far the step's measurements have moved the twist.
+        before, after : ndarray, (6,)
+            Variances P- and P+ of the twist.
+        unexplained : ndarray, (6,)
+            ``E[n^2]`` of the measured twist.
+        tau : float
+            Seconds of the step.
+        """
+        Q = tau * self.walk_variance
+        gain = Q / before
+        variance = ((gain * change) ** 2 + Q - gain**2 * (before - after)) / tau
+        self._learned += 1
+        self._unexplained += (unexplained - self._unexplained) / min(self._learned, _MEMORY)
+        share = 1.0 / min(self._learned + _PRIOR_STEPS, _MEMORY)
+        learned = self.walk_variance + share * (variance - self.walk_variance)
+        self.walk_variance = np.maximum(learned, _SMALLEST_WALK**2)

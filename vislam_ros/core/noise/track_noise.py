@@ -1,0 +1,209 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The noise of tracks, learned as the filter goes.
+
+*Level.* One scale of the told variances V for the whole drive, by which the innovations are as
+large as they are expected to be: a stochastic approximation (Robbins and Monro, *A stochastic
+approximation method*, 1951) of ``E[r^T S^-1 r] = dim r``, the condition of covariance matching
+(Mehra, *Approaches to adaptive filtering*, 1972). The noise is only a part of S, so that a change
+of the level by a factor changes the left side by less: by ``tr(S^-1 R)``, over which each step is
+divided (Fisher's scoring). A point has one row in both images; where the rows of the first tracks
+differ by more than was told, the level begins there. They may agree by far better than one frame
+agrees with the next, so they never lower it.
+
+*Quality.* Most tracks are better than the level and some are far worse: on real drives the errors
+of all tracks together have heavy tails, those of one track much less so. Each track has a scale of
+its own, whose prior counts as a few numbers observed: the scale mixture that makes Student's t
+(Lange, Little and Taylor, *Robust statistical modeling using the t distribution*, 1989). With
+``w = S^-1 r``, ``D = S^-1`` and noise ``R = s R_0`` of the numbers of one track, ::
+
+    E[n^T R_0^-1 n] = s^2 w^T R_0 w + s (dim r - s tr(D_ii R_0))
+
+*Offset.* The matching of left and right finds the disparity wrong by the same amount for all the
+life of a track (on KITTI by 0.4 to 1.2 pixels, where it changes by 0.06 to 0.25 from frame to
+frame). Such a disparity can be observed only once: afterwards the right pixel repeats what is
+known. Whether a drive is one of these shows in the disparity's innovations. Of one and the one
+before it, the second is within half of the first's size of the first in a share of the tracks
+that is 0.17 where the errors are white, 0.27 where they are and only the first disparity was used,
+and 0.64 where they have a correlation rho of 0.95 (the ratio of two such normal variables is
+Cauchy about rho, with scale ``sqrt(1 - rho^2)``); on KITTI it is 0.42 to 0.67.
+
+All look back only, so the noise is the same live and offline.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core.noise.twist_noise import MEDIAN_TO_STD
+
+Array = NDArray[np.float64]
+
+# Half a minute at 10 Hz; the level told counts as the first few frames.
+_MEMORY = 300
+_PRIOR_FRAMES = 25
+# First tracks whose rows tell where to begin.
+_ENOUGH_ROWS = 20
+# The largest change of the level's logarithm in a frame, and its bounds: a hundredth and a hundred
+# times the standard deviation told.
+_LARGEST_CHANGE = 0.3
+_LIMIT = math.log(1e4)
+# The prior of a track's own scale counts as this many numbers observed.
+_PRIOR_NUMBERS = 6.0
+# Of the share of disparity errors that stay: its start, just short of proof, the number of errors
+# that it counts for and those remembered at most, and where offsets are taken for proven.
+_FIRST_SHARE = 0.34
+_PRIOR_ERRORS = 200
+_ERRORS_REMEMBERED = 5000
+_SHARE_OF_OFFSETS = 0.35
+# On such drives a track's own scale is known only roughly, and a few tracks are far worse.
+_WIDER_GATE = 1.5
+# The offset grows with the disparity, by this share of it.
+_RELATIVE_OFFSET = 0.02
+
+# Which of (u_left, u_right, v) a known landmark's observation tells anew.
+_ALL = np.array([0, 1, 2])
+_WITHOUT_RIGHT = np.array([0, 2])
+
+
+class TrackNoise:
+    """Running noise of the observations, by the active landmarks of a filter in their order.
+
+    Parameters
+    ----------
+    variances : ndarray, (3,)
+        Told variances of ``(u_left, u_right, v)``, square pixels.
+    offset_std : float
+        Standard deviation of the offset that a track's disparity keeps, where a drive has one,
+        pixels; 0 where none is looked for.
+    learns : bool
+        Whether it learns, or the variances are held.
+
+    Attributes
+    ----------
+    level : float
+        Scale of the variances for all tracks.
+    """
+
+    def __init__(self, variances: Array, offset_std: float, *, learns: bool):
+        self._variances = variances
+        self._offset_variance = offset_std**2
+        self._learns = learns
+        self._frames = 0
+        self._staying, self._errors = _FIRST_SHARE, _PRIOR_ERRORS
+        # By landmark: E[n^T R_0^-1 n] and numbers observed, the prior's included; the last
+        # frame's innovation of the disparity, NaN where there was none.
+        self._noise: Array = np.empty(0)
+        self._observed: Array = np.empty(0)
+        self._last_error: Array = np.empty(0)
+        self.level = 1.0
+
+    @property
+    def has_offsets(self) -> bool:
+        """Whether disparities keep an offset for the life of their track."""
+        return self._offset_variance > 0 and self._staying > _SHARE_OF_OFFSETS
+
+    @property
+    def components(self) -> NDArray[np.int64]:
+        """Which of ``(u_left, u_right, v)`` tell anything new of a known landmark."""
+        return _WITHOUT_RIGHT if self.has_offsets else _ALL
+
+    def of_new_tracks(self, y: Array) -> Array:
+        """Covariances (n, 3, 3) of the first image points (n, 3) of tracks, square pixels."""
+        noise = np.tile(np.diag(self.level * self._variances), (len(y), 1, 1))
+        if self.has_offsets:
+            # Left and right go together, but for the offset.
+            noise[:, :2, :2] = noise[:, :1, :1]
+            noise[:, 1, 1] += self._offset_variances(y)
+        return noise
+
+    def gate(self, chi2_gate: float) -> float:
+        """Bound of the squared distances of innovations: wider where tracks differ in quality."""
+        return _WIDER_GATE * chi2_gate if self.has_offsets else chi2_gate
+
+    def variances(self, slots: NDArray[np.int64]) -> Array:
+        """Variances (n, 3) of the image points of known landmarks, square pixels."""
+        return self.level * self._scale(slots)[:, None] * self._variances
+
+    def expected(self, variances: Array, y: Array) -> Array:
+        """Variances (n, 3) that innovations at image points (n, 3) add to those of the state."""
+        if not self.has_offsets:
+            return variances
+        expected = variances.copy()
+        expected[:, 1] += self._offset_variances(y)
+        return expected
+
+    def start(self, mismatch: Array) -> None:
+        """Take how far the rows (n,) of the first tracks differ, in standard deviations told."""
+        if self._learns and not self._frames and len(mismatch) >= _ENOUGH_ROWS:
+            spread = MEDIAN_TO_STD * float(np.median(np.abs(mismatch - np.median(mismatch))))
+            self.level = min(max(self.level, spread**2), math.exp(_LIMIT))
+
+    def begin(self, count: int) -> None:
+        """Append so many landmarks."""
+        prior = np.full(count, _PRIOR_NUMBERS)
+        self._noise = np.concatenate([self._noise, prior])
+        self._observed = np.concatenate([self._observed, prior])
+        self._last_error = np.concatenate([self._last_error, np.full(count, np.nan)])
+
+    def end(self, gone: NDArray[np.bool_]) -> None:
+        """Forget the landmarks (n,) that are gone."""
+        self._noise, self._observed = self._noise[~gone], self._observed[~gone]
+        self._last_error = self._last_error[~gone]
+
+    def see(
+        self, slots: NDArray[np.int64], residual: Array, information: Array, weighted: Array
+    ) -> None:
+        """Learn from the observations of a frame that were believed.
+
+        Parameters
+        ----------
+        slots : ndarray of int64, (n,)
+            Places of the landmarks seen, all different.
+        residual : ndarray, (n, 3)
+            Innovations r of all three numbers, pixels.
+        information : ndarray, (n r,)
+            Diagonal of ``S^-1``, 1 / square pixels, r numbers for each landmark: those of
+            ``components``.
+        weighted : ndarray, (n r,)
+            ``S^-1 r``, 1 / pixels.
+        """
+        if not self._learns:
+            return
+        used = self.components
+        numbers = len(used)
+        scale = self._scale(slots)
+        R_0 = self.level * self._variances[used]
+        w, D = weighted.reshape(-1, numbers), information.reshape(-1, numbers)
+        from_noise = scale * (D @ R_0)
+        self._noise[slots] += scale * (scale * (w * w @ R_0) - from_noise + numbers)
+        self._observed[slots] += numbers
+
+        self._frames += 1
+        excess = float(weighted @ residual[:, used].ravel()) - len(weighted)
+        frames = min(self._frames + _PRIOR_FRAMES, _MEMORY)
+        change = excess / (frames * float(np.sum(from_noise)))
+        change = min(max(change, -_LARGEST_CHANGE), _LARGEST_CHANGE)
+        self.level = math.exp(min(max(math.log(self.level) + change, -_LIMIT), _LIMIT))
+        self._judge_offsets(slots, residual[:, 0] - residual[:, 1])
+
+    def _scale(self, slots: NDArray[np.int64]) -> Array:
+        """Scales (n,) of tracks' own noise."""
+        return self._noise[slots] / self._observed[slots]
+
+    def _offset_variances(self, y: Array) -> Array:
+        """Variances (n,) of the disparities' offsets at image points (n, 3)."""
+        disparity: Array = y[:, 0] - y[:, 1]
+        return self._offset_variance + np.square(_RELATIVE_OFFSET * disparity)
+
+    def _judge_offsets(self, slots: NDArray[np.int64], error: Array) -> None:
+        """Learn from the disparities' innovations (n,) whether their errors stay."""
+        last = self._last_error[slots]
+        self._last_error[slots] = error
+        compared = np.isfinite(last)
+        count = int(np.count_nonzero(compared))
+        if count:
+            staying = np.count_nonzero(np.abs(error - last) < 0.5 * np.abs(last))
+            self._errors = min(self._errors + count, _ERRORS_REMEMBERED)
+            self._staying += (staying - count * self._staying) / self._errors

@@ -1,0 +1,249 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Which axes a file's twists have, which step and which point each belongs to.
+
+Files mix forward-left-up (FLU, as REP-103 wants) with forward-right-down (FRD) axes, in the twist
+or in the extrinsics, and do not say whether a twist holds before or after its time stamp. A wrong
+choice shows at once in the images: points triangulated in one frame, moved by the twist of one
+step, miss where the next frame sees them. And some files' twists are those of another point than
+the body that their extrinsics describe (see twist_origin).
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.data.datasets.step_pairs import StepPairs, step_pairs
+from vislam_ros.data.datasets.twist_origin import (
+    is_nearer,
+    measure_twist_origin,
+    misplaced_imu,
+    moved_to_the_body,
+)
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
+from vislam_ros.errors import VislamError
+
+Array = NDArray[np.float64]
+IMU_FRAMES = ("auto", "flu", "frd", "as-given")
+TWIST_INDICES = ("auto", "end", "start")
+TWIST_ORIGINS = ("auto", "body", "imu")
+
+# The half turn about the forward axis that takes FLU to FRD and back.
+_HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
+_HALF_TURN_TWIST = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
+
+_AXES = {"flu": "forward-left-up", "frd": "forward-right-down", "as-given": "as given"}
+
+_MIN_RESIDUALS = 20
+_MIN_DEPTH = 0.1  # metres
+# What the file says, twists at the end of their step, gives way only to a clearly smaller error.
+_CLEARLY_SMALLER = 0.9
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """What a file's numbers mean; "auto" finds it in the images.
+
+    Attributes
+    ----------
+    imu_frame : {"auto", "flu", "frd", "as-given"}
+        Axes of the twist: forward-left-up, forward-right-down, or no look at them at all.
+    twist_index : {"auto", "end", "start"}
+        Whether the step from ``k`` to ``k + 1`` has ``twist[k + 1]`` or ``twist[k]``.
+    twist_origin : {"auto", "body", "imu"}
+        Whether the twists are those of the body that the extrinsics describe, or of an IMU from
+        whose place their translation was made by turning it the wrong way (see twist_origin).
+
+    Raises
+    ------
+    VislamError
+        Where one is none of its choices.
+    """
+
+    imu_frame: str = "auto"
+    twist_index: str = "auto"
+    twist_origin: str = "auto"
+
+    def __post_init__(self) -> None:
+        choices: dict[str, Sequence[str]] = {
+            "imu_frame": IMU_FRAMES,
+            "twist_index": TWIST_INDICES,
+            "twist_origin": TWIST_ORIGINS,
+        }
+        for what, value in vars(self).items():
+            if value not in choices[what]:
+                one_of = ", ".join(choices[what])
+                raise VislamError(f"{what} is {value!r}: choose one of {one_of}")
+
+
+#: Whatever fits the images.
+AS_FOUND = Conventions()
+
+
+def settle_conventions(drive: Drive, conventions: Conventions) -> Drive:
+    """Bring a drive as its file gives it to FLU axes and the body's twists at their steps' ends.
+
+    Parameters
+    ----------
+    drive : Drive
+        With a twist for each feature frame, of the same stamps.
+    conventions : Conventions
+        Extrinsics with other axes than the twist's are turned to agree, then all to FLU.
+
+    Returns
+    -------
+    Drive
+        With notes on what was measured and done.
+    """
+    settled = _settle_axes_and_steps(drive, conventions.imu_frame, conventions.twist_index)
+    return _settle_origin(settled, drive.camera, conventions.twist_origin)
+
+
+def _settle_origin(drive: Drive, camera_as_given: StereoCamera, twist_origin: str) -> Drive:
+    """Move the twists to the body where they are those of a misplaced IMU."""
+    if twist_origin == "body":
+        return drive
+    imu = misplaced_imu(camera_as_given)
+    if drive.camera != camera_as_given:
+        imu = imu * _HALF_TURN_TWIST[:3]
+    seen = ""
+    if twist_origin == "auto":
+        measured = measure_twist_origin(drive)
+        if measured is None or not is_nearer(measured, imu):
+            return drive
+        std = np.sqrt(np.diag(measured.covariance))
+        seen = f", seen in the images at {_place(measured.place[:2])} +- {_place(std[:2])}"
+    return _add_note(
+        dataclasses.replace(drive, twists=moved_to_the_body(drive, imu)),
+        f"The twists are those of an IMU at {_place(imu)} m in the body that the extrinsics "
+        f"describe{seen}: their translation was turned the wrong way. Moved the twists to the "
+        "body.",
+    )
+
+
+def _place(metres: Array) -> str:
+    return "(" + ", ".join(f"{value:.2f}" for value in metres) + ")"
+
+
+def _settle_axes_and_steps(drive: Drive, imu_frame: str, twist_index: str) -> Drive:
+    own_frame = extrinsics_frame(drive.camera)
+    frames = [imu_frame]
+    if imu_frame == "auto":
+        frames = [own_frame, "frd" if own_frame == "flu" else "flu"]
+    indices = ["end", "start"] if twist_index == "auto" else [twist_index]
+    # In the order of preference: the first is what the file says.
+    candidates = [(frame, index) for index in indices for frame in frames]
+    if len(candidates) == 1:
+        return _apply(drive, *candidates[0])
+
+    pairs = step_pairs(drive)
+    trials = [_apply(drive, *candidate) for candidate in candidates]
+    errors = [reprojection_errors(trial, pairs) for trial in trials]
+    if min(len(part) for part in errors) < _MIN_RESIDUALS:
+        return _add_note(
+            _apply(drive, "as-given" if imu_frame == "auto" else imu_frame, indices[0]),
+            "Too few landmarks to tell the axes and the steps of the twists: taken as the file "
+            f"gives them, each twist at the {indices[0]} of its step.",
+        )
+    medians = [float(np.median(part)) for part in errors]
+    best = int(np.argmin(medians))
+    if medians[best] > _CLEARLY_SMALLER * medians[0]:
+        best = 0
+    others = ", ".join(
+        f"{medians[i]:.2f} px {_describe(*candidates[i])}"
+        for i in range(len(candidates))
+        if i != best
+    )
+    return _add_note(
+        trials[best],
+        f"Median one-step reprojection error {medians[best]:.2f} px with twists "
+        f"{_describe(*candidates[best])} (others: {others}).",
+    )
+
+
+def extrinsics_frame(camera: StereoCamera) -> Literal["flu", "frd"]:
+    """Axes of a body whose camera stands upright: the image's y axis points down in it."""
+    return "flu" if camera.T_body_camera[2, 1] < 0 else "frd"
+
+
+def reprojection_errors(drive: Drive, pairs: StepPairs) -> Array:
+    """Pixels, (m,), between where a step's twist moves each landmark and where it is seen.
+
+    ``|pi(T_cb Exp(-tau u) T_bc pi^-1(y_k)) - z_{k+1}|`` in the left image; landmarks that would
+    end behind the camera are left out.
+    """
+    camera = drive.camera
+    tau = np.diff(drive.twist_stamps) / NANOSECONDS
+    T_after_before = (
+        camera.T_camera_body @ se3.exp(-tau[:, None] * drive.twists[1:]) @ camera.T_body_camera
+    )[pairs.steps]
+    points = camera.triangulate(pairs.y)
+    moved = (T_after_before[:, :3, :3] @ points[..., None])[..., 0] + T_after_before[:, :3, 3]
+    ahead = moved[:, 2] > _MIN_DEPTH
+    projected = camera.project(moved[ahead])
+    return np.asarray(np.linalg.norm(projected[:, [0, 2]] - pairs.left[ahead], axis=1))
+
+
+def _apply(drive: Drive, frame: str, index: str) -> Drive:
+    """Bring a drive whose twists have these axes and this step to the package's convention."""
+    if index == "start":
+        # The first twist carries no step; the last one's step has no end.
+        drive = _add_note(
+            dataclasses.replace(
+                drive, twists=np.concatenate([drive.twists[:1], drive.twists[:-1]])
+            ),
+            "Moved each twist from the start of its step to the end.",
+        )
+    if frame == "as-given":
+        return drive
+    own_frame = extrinsics_frame(drive.camera)
+    if own_frame == "frd":
+        drive = dataclasses.replace(drive, camera=_half_turn(drive.camera))
+    if frame == "frd":
+        truth = drive.ground_truth
+        if truth is not None:
+            truth = Trajectory.from_matrices(
+                truth.stamps, _HALF_TURN @ truth.T_world_body @ _HALF_TURN
+            )
+        drive = dataclasses.replace(
+            drive, twists=drive.twists * _HALF_TURN_TWIST, ground_truth=truth
+        )
+    if own_frame != frame:
+        turned = "extrinsics" if own_frame == "frd" else "twists"
+        return _add_note(
+            drive,
+            f"The twists are {_AXES[frame]} and the extrinsics {_AXES[own_frame]}: turned the "
+            f"{turned} by half a turn about the forward axis.",
+        )
+    if frame == "frd":
+        return _add_note(
+            drive, f"Turned twists and extrinsics from {_AXES['frd']} to {_AXES['flu']} axes."
+        )
+    return drive
+
+
+def _half_turn(camera: StereoCamera) -> StereoCamera:
+    """Turn the body's axes by half a turn about the first, without rounding."""
+    x, y, z = camera.position_body_camera
+    qx, qy, qz, qw = camera.quaternion_body_camera
+    sign = -1.0 if qx > 0 else 1.0  # keeps the real part, -qx, from being negative
+    return dataclasses.replace(
+        camera,
+        position_body_camera=(x, -y, -z),
+        quaternion_body_camera=(sign * qw, sign * -qz, sign * qy, sign * -qx),
+    )
+
+
+def _describe(frame: str, index: str) -> str:
+    return f"{_AXES[frame]} at the {index} of their step"
+
+
+def _add_note(drive: Drive, note: str) -> Drive:
+    return dataclasses.replace(drive, notes=(*drive.notes, note))

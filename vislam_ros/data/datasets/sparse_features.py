@@ -1,0 +1,102 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""From the dense feature array of a dataset, mostly -1, to its observations alone."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.data.datasets.array_stream import ArrayStream
+
+ABSENT = -1.0
+# No camera has pixels beyond; a float that is not finite fails the comparison too.
+LARGEST_PIXEL = 1e6
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class SparseFeatures:
+    """Observations sorted by (step, id).
+
+    Attributes
+    ----------
+    offsets : ndarray of int64, (T + 1,)
+        Step ``k`` has the rows ``offsets[k]:offsets[k + 1]``.
+    ids : ndarray of uint32, (n,)
+    pixels : ndarray of float32, (n, 4)
+        ``u_left, v_left, u_right, v_right``.
+    unusable : int
+        Observations left out because a pixel is not finite or beyond :data:`LARGEST_PIXEL`.
+    """
+
+    offsets: NDArray[np.int64]
+    ids: NDArray[np.uint32]
+    pixels: NDArray[np.float32]
+    unusable: int
+
+
+def gather_observations(stream: ArrayStream, progress: Progress | None = None) -> SparseFeatures:
+    """Pick the observations out of a dense (4, M, T) array in one pass over its bytes.
+
+    An observation is absent where all four of its pixels are -1.
+
+    Parameters
+    ----------
+    stream : ArrayStream
+        Of shape (4, M, T), in either order.
+    progress : callable, optional
+        Told the share done, 0 to 1.
+    """
+    _, M, T = stream.shape
+    total = 4 * M * T
+    # A cell is a (track, step) pair, numbered as it lies in memory.
+    cells: list[list[NDArray[np.int64]]] = [[], [], [], []]
+    values: list[list[NDArray[np.float32]]] = [[], [], [], []]
+    start = 0
+    for chunk in stream.chunks:
+        (present,) = np.nonzero(chunk != ABSENT)
+        with np.errstate(over="ignore"):
+            present_values = chunk[present].astype(np.float32)
+        index = present + start
+        component, cell = (
+            (index % 4, index // 4) if stream.fortran_order else np.divmod(index, M * T)
+        )
+        for c in np.unique(component):
+            cells[c].append(cell[component == c])
+            values[c].append(present_values[component == c])
+        start += len(chunk)
+        if progress is not None:
+            progress(start / total)
+
+    every_cell = [np.concatenate([np.empty(0, dtype=np.int64), *part]) for part in cells]
+    seen = np.unique(np.concatenate(every_cell))
+    pixels = np.full((len(seen), 4), ABSENT, dtype=np.float32)
+    for c in range(4):
+        pixels[np.searchsorted(seen, every_cell[c]), c] = np.concatenate(
+            [np.empty(0, dtype=np.float32), *values[c]]
+        )
+    if stream.fortran_order:
+        steps, tracks = np.divmod(seen, max(M, 1))
+    else:
+        tracks, steps = np.divmod(seen, max(T, 1))
+
+    usable = np.all(np.abs(pixels) < LARGEST_PIXEL, axis=1)
+    order = np.lexsort((tracks, steps))
+    order = order[usable[order]]
+    return SparseFeatures(
+        offsets=np.searchsorted(steps[order], np.arange(T + 1)),
+        ids=tracks[order].astype(np.uint32),
+        pixels=pixels[order],
+        unusable=int(np.sum(~usable)),
+    )
+
+
+def image_size_that_holds(pixels: NDArray[np.float32]) -> tuple[int, int]:
+    """Width and height of the smallest image, at least 1 x 1, with room for pixels (n, 4)."""
+    if not len(pixels):
+        return 1, 1
+    u, v = pixels[:, 0::2].max(), pixels[:, 1::2].max()
+    return max(int(np.floor(u)) + 1, 1), max(int(np.floor(v)) + 1, 1)

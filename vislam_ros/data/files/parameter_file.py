@@ -1,0 +1,165 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameter files: ``node: {ros__parameters: {name: value}}``.
+
+Numbers follow ROS, where ``1e-10`` is a number; plain PyYAML would call it text.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from vislam_ros.data.files.whole_file import replace_file
+from vislam_ros.errors import VislamError
+
+#: Node name, or ``**`` for every node -> parameter name -> value.
+Parameters = dict[str, dict[str, Any]]
+
+_SECTION = "ros__parameters"
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe loader that reads numbers with an exponent and no point or sign as ROS does."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Safe dumper that writes what :class:`_Loader` reads, lists on one line."""
+
+
+for _class in (_Loader, _Dumper):
+    _class.add_implicit_resolver(
+        "tag:yaml.org,2002:float",
+        re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
+        list("-+.0123456789"),
+    )
+_Dumper.add_representer(
+    list,
+    lambda dumper, value: dumper.represent_sequence(
+        "tag:yaml.org,2002:seq", value, flow_style=True
+    ),
+)
+
+
+def parse_yaml(text: str) -> Any:
+    """Plain values of a YAML text, with the numbers of ROS; raises a YAMLError."""
+    return yaml.load(text, Loader=_Loader)  # _Loader is a safe one
+
+
+def read_parameters(path: Path) -> Parameters:
+    """Read a parameter file.
+
+    Nested names are joined by dots, nested namespaces by slashes; a node's leading slash is
+    dropped, so that ``/**`` becomes ``**`` (see :func:`node_parameters`).
+
+    Raises
+    ------
+    VislamError
+        Naming the file and the line, where it is not such a file.
+    """
+    try:
+        loader = _Loader(path.read_text(encoding="utf-8"))
+        root = loader.get_single_node()
+    except OSError as error:
+        raise VislamError(f"{path}: cannot read these parameters: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise VislamError(f"{path}: not a text file of parameters") from error
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise VislamError(f"{path}, line {line}: not YAML: {error.problem}") from error
+    except yaml.YAMLError as error:
+        raise VislamError(f"{path}: not YAML: {str(error).splitlines()[0]}") from error
+    if root is None:
+        raise VislamError(f"{path}: holds no parameters: write node: {{{_SECTION}: {{...}}}}")
+    return dict(_nodes(path, loader, root, ""))
+
+
+def _nodes(
+    path: Path, loader: _Loader, mapping: yaml.Node, namespace: str
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield each node's full name and parameters from a mapping of nodes or namespaces."""
+    for key, value in _items(path, mapping, "node names"):
+        name = f"{namespace}/{key.value}".strip("/")
+        children = {child.value: node for child, node in _items(path, value, f"{_SECTION}:")}
+        if _SECTION not in children:
+            yield from _nodes(path, loader, value, name)
+        elif len(children) > 1:
+            raise _error(path, key, f"{name} holds {_SECTION} and more beside it")
+        else:
+            yield name, dict(_values(path, loader, children[_SECTION], ""))
+
+
+def _values(
+    path: Path, loader: _Loader, mapping: yaml.Node, prefix: str
+) -> Iterator[tuple[str, Any]]:
+    """Yield each parameter's dotted name and value."""
+    if mapping.tag == "tag:yaml.org,2002:null":
+        return
+    for key, value in _items(path, mapping, "parameter names"):
+        name = f"{prefix}{key.value}"
+        if isinstance(value, yaml.MappingNode):
+            yield from _values(path, loader, value, f"{name}.")
+            continue
+        try:
+            result = loader.construct_object(value, deep=True)
+        except (yaml.YAMLError, ValueError) as error:
+            raise _error(path, value, f"{name} is {value.value!r}, which no value") from error
+        items = result if isinstance(result, list) else [result]
+        kinds = {type(item) for item in items}
+        if len(kinds) > 1 or not kinds <= {bool, int, float, str}:
+            raise _error(
+                path,
+                value,
+                f"{name} is {result!r}: a parameter is true or false, a number, a text, or a "
+                "list of one of these kinds",
+            )
+        yield name, result
+
+
+def _items(path: Path, node: yaml.Node, what: str) -> list[tuple[yaml.ScalarNode, yaml.Node]]:
+    """Keys and values of a mapping, refusing anything else and names that come twice."""
+    if not isinstance(node, yaml.MappingNode):
+        raise _error(path, node, f"expected a mapping of {what} here")
+    seen = set()
+    for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            raise _error(path, key, "a name is a plain text")
+        if key.value in seen:
+            raise _error(path, key, f"{key.value} is here for the second time: keep one")
+        seen.add(key.value)
+    return node.value
+
+
+def _error(path: Path, node: yaml.Node, message: str) -> VislamError:
+    return VislamError(f"{path}, line {node.start_mark.line + 1}: {message}")
+
+
+def node_parameters(parameters: Parameters, node: str) -> dict[str, Any]:
+    """Parameters of one node: those for every node, then its own, in whatever namespace."""
+    result = dict(parameters.get("**", {}))
+    for name, values in parameters.items():
+        if name.rpartition("/")[2] == node:
+            result.update(values)
+    return result
+
+
+def write_parameters(path: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write a file that ``--params-file`` and :func:`read_parameters` take."""
+    content = {
+        "/**" if node == "**" else node: {
+            _SECTION: {name: _plain(value) for name, value in values.items()}
+        }
+        for node, values in parameters.items()
+    }
+    text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=1000)
+    replace_file(path, text.encode("utf-8"))
+
+
+def _plain(value: Any) -> Any:
+    """Value in the types of YAML: lists for tuples and arrays."""
+    if isinstance(value, (bool, int, float, str)) and not isinstance(value, np.generic):
+        return value
+    return np.asarray(value).tolist()

@@ -1,0 +1,295 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The result directories of a live run: one for each pass over the data.
+
+A pass ends where time jumps back, as in a looping bag, or where the estimate was reset. The next
+one goes to ``pass_002`` inside the first one's directory, then ``pass_003``, and so on.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.data.bags.layout import Topic
+from vislam_ros.data.results.writer import ResultWriter
+from vislam_ros.data.results.summary import StepStatistics
+from vislam_ros.data.results.message_log import MessageLog
+
+_MAP_SECONDS, _MAP_SECONDS_A_STEP = 60.0, 0.03
+
+
+@dataclass(frozen=True)
+class Raw:
+    """A serialised message as it came.
+
+    Attributes
+    ----------
+    topic : Topic
+    data : bytes
+        CDR.
+    """
+
+    topic: Topic
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose as a message gave it.
+
+    Attributes
+    ----------
+    stamp : int
+        Nanoseconds.
+    position, quaternion : ndarray, (3,), (4,)
+        Metres; x, y, z, w.
+    raw : Raw
+    """
+
+    stamp: int
+    position: NDArray[Any]
+    quaternion: NDArray[Any]
+    raw: Raw
+
+
+class _Pass:
+    """One result directory that is being written."""
+
+    def __init__(self, directory: Path, *, force: bool, record_mcap: bool, time_pass: int):
+        self.writer = ResultWriter(directory, force=force)
+        self.log = MessageLog(directory / "results.mcap") if record_mcap else None
+        self.time_pass = time_pass
+        self.steps = 0
+        self.last_stamp: int | None = None
+        self.map_stamp: int | None = None
+        self.finished = False
+        self._early: list[Raw] = []
+
+    @property
+    def map_patience(self) -> float:
+        """Seconds to wait for the map of the last step: the way back over the drive takes some."""
+        return _MAP_SECONDS + _MAP_SECONDS_A_STEP * self.steps
+
+    @property
+    def has_final_map(self) -> bool:
+        """Whether the map is the one of the last step."""
+        return self.map_stamp is not None and self.map_stamp == self.last_stamp
+
+    def write_raw(self, raw: Raw, stamp: int | None = None) -> None:
+        """Log a message; one without a stamp (ns) of the data stands at the latest step."""
+        stamp = self.last_stamp if stamp is None else stamp
+        if self.log is None:
+            return
+        if stamp is None:
+            self._early.append(raw)
+            return
+        early, self._early = self._early, []
+        for message in (*early, raw):
+            self.log.write(message.topic, message.data, stamp)
+
+    def refresh(self) -> None:
+        """Bring the files up to date if they are a second old."""
+        if not self.finished:
+            self.writer.refresh()
+            if self.log is not None:
+                self.log.refresh()
+
+    def finish(self, *, complete: bool, reason: str | None) -> None:
+        """Close all files."""
+        if self.finished:
+            return
+        self.finished = True
+        if self.log is not None:
+            self.log.close()
+        self.writer.finish(complete=complete, incomplete_reason=reason)
+
+
+class Recording:
+    """Writes what the recorder hears; a thin layer over the result directories.
+
+    Parameters
+    ----------
+    directory : Path
+    force : bool
+        Take a directory that holds an earlier run.
+    record_mcap : bool
+        Write ``results.mcap`` too.
+
+    Raises
+    ------
+    VislamError
+        From any method, where a file cannot be written.
+    """
+
+    def __init__(self, directory: Path, *, force: bool, record_mcap: bool):
+        self._directory = directory
+        self._force = force
+        self._record_mcap = record_mcap
+        self._count = 1
+        self._parameters: Mapping[str, Mapping[str, Any]] = {}
+        self._prediction_pass = 0
+        self._last_prediction: int | None = None
+        self._held: list[tuple[int, Pose]] = []  # of passes that have no step yet
+        self._previous: _Pass | None = None
+        self._previous_until = 0.0
+        self._previous_jumped = False
+        self._current = self._open(directory, time_pass=0)
+
+    def _open(self, directory: Path, time_pass: int) -> _Pass:
+        return _Pass(
+            directory, force=self._force, record_mcap=self._record_mcap, time_pass=time_pass
+        )
+
+    @property
+    def directory(self) -> Path:
+        """Directory of the present pass."""
+        return self._current.writer.directory
+
+    @property
+    def finished(self) -> bool:
+        """Whether the present pass is over and its files are closed."""
+        return self._current.finished
+
+    @property
+    def last_stamp(self) -> int | None:
+        """Stamp (ns) of the last step of the present pass."""
+        return self._current.last_stamp
+
+    @property
+    def map_patience(self) -> float:
+        """Seconds to wait for the map of the last step."""
+        return self._current.map_patience
+
+    @property
+    def has_final_map(self) -> bool:
+        """Whether the map of the last step is here."""
+        return self._current.has_final_map
+
+    def add_step(
+        self,
+        pose: Pose,
+        covariance_body: NDArray[Any],
+        statistics: StepStatistics,
+        raw_statistics: Raw,
+        gyro_bias: Sequence[float] | None,
+        *,
+        latency_ms: float,
+        first_of_pass: bool,
+    ) -> None:
+        """Add a step: pose, its (6, 6) covariance in body axes, what it did, its bias (3,)."""
+        last = self._current.last_stamp
+        jumped = last is not None and pose.stamp <= last
+        if self._current.finished or jumped or (first_of_pass and last is not None):
+            self._begin_pass(jumped=jumped)
+        current = self._current
+        current.steps += 1
+        current.last_stamp = pose.stamp
+        current.writer.add_step(
+            pose.stamp, pose.position, pose.quaternion, covariance_body, statistics
+        )
+        current.writer.summary.gyro_bias = gyro_bias
+        current.writer.summary.latencies_ms.append(latency_ms)
+        current.write_raw(pose.raw, pose.stamp)
+        current.write_raw(raw_statistics, pose.stamp)
+
+    def add_prediction(self, pose: Pose) -> None:
+        """Add a predicted pose, to the pass that its stamp belongs to."""
+        if self._last_prediction is not None and pose.stamp <= self._last_prediction:
+            self._prediction_pass += 1
+        self._last_prediction = pose.stamp
+        if self._prediction_pass > self._current.time_pass:
+            self._held.append((self._prediction_pass, pose))
+        else:
+            self._write_prediction(pose, self._prediction_pass)
+
+    def _write_prediction(self, pose: Pose, time_pass: int) -> None:
+        for results in (self._current, self._previous):
+            if results is not None and results.time_pass == time_pass and not results.finished:
+                results.writer.add_dead_reckoning(pose.stamp, pose.position, pose.quaternion)
+                results.write_raw(pose.raw, pose.stamp)
+                return
+
+    def add_landmarks(self, stamp: int, landmarks: LandmarkMap, raw: Raw) -> None:
+        """Add a map as of a stamp (ns)."""
+        results = self._current
+        previous = self._previous
+        if previous is not None and stamp == previous.last_stamp != self._current.last_stamp:
+            results = previous
+        if not results.finished:
+            results.map_stamp = stamp
+            results.writer.set_landmarks(landmarks)
+            results.write_raw(raw, stamp)
+
+    def add_other(self, raw: Raw) -> None:
+        """Add a message that only goes to ``results.mcap``."""
+        if not self._current.finished:
+            self._current.write_raw(raw)
+
+    def set_parameters(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
+        """Write ``params.yaml``: node, then name, then value."""
+        self._parameters = parameters
+        self._current.writer.set_parameters(parameters)
+
+    def set_process(self, *, peak_rss_mb: float | None, resets: int) -> None:
+        """Set what only slam_node knows of itself."""
+        self._current.writer.summary.peak_rss_mb = peak_rss_mb
+        self._current.writer.summary.resets = resets
+
+    def set_refused(self, refused: Mapping[str, int]) -> None:
+        """Set how many messages the nodes refused, by reason."""
+        self._current.writer.summary.refused = dict(refused)
+
+    def refresh(self) -> None:
+        """Bring files up to date that are a second old, and close a pass that is over."""
+        self._current.refresh()
+        if self._previous is not None:
+            self._previous.refresh()
+            predictions_are_over = self._prediction_pass > self._previous.time_pass
+            ready = self._previous.has_final_map and predictions_are_over
+            if ready or time.monotonic() > self._previous_until:
+                self._finish_previous()
+
+    def flush(self) -> None:
+        """Bring all files up to date now."""
+        if not self._current.finished:
+            self._current.writer.flush()
+            if self._current.log is not None:
+                self._current.log.flush()
+
+    def finish(self, *, complete: bool, reason: str | None = None) -> None:
+        """Close all files, saying whether the run ended whole and, if not, why."""
+        self._finish_previous()
+        self._current.finish(complete=complete, reason=reason)
+
+    def _begin_pass(self, *, jumped: bool) -> None:
+        self._finish_previous()
+        self._count += 1
+        self._previous, self._previous_jumped = self._current, jumped
+        self._previous_until = time.monotonic() + self._previous.map_patience
+        self._current = self._open(
+            self._directory / f"pass_{self._count:03d}", self._previous.time_pass + jumped
+        )
+        if self._parameters:
+            self._current.writer.set_parameters(self._parameters)
+        held, self._held = self._held, []
+        for time_pass, pose in held:
+            if time_pass > self._current.time_pass:
+                self._held.append((time_pass, pose))
+            else:
+                self._write_prediction(pose, time_pass)
+
+    def _finish_previous(self) -> None:
+        previous, self._previous = self._previous, None
+        if previous is None:
+            return
+        if not self._previous_jumped:
+            previous.finish(complete=False, reason="the estimate was reset")
+        elif not previous.has_final_map:
+            previous.finish(complete=False, reason="the landmark map did not arrive")
+        else:
+            previous.finish(complete=True, reason=None)

@@ -1,0 +1,274 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The result directory, written as the run goes, by ``vislam solve`` and the recorder alike.
+
+Every row goes to the system as soon as it is whole, so a killed run loses none of them. The map
+and the summary are replaced as whole files, about once a second.
+"""
+
+import csv
+import dataclasses
+import errno
+import io
+import json
+import os
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.data.results.landmark_map import write_landmarks, write_point_cloud
+from vislam_ros.data.files.parameter_file import write_parameters
+from vislam_ros.data.results.summary import RunSummary, StepStatistics
+from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line, tum_text
+from vislam_ros.data.files.whole_file import replace_file
+from vislam_ros.errors import VislamError
+
+STEP_COLUMNS = tuple(field.name for field in dataclasses.fields(StepStatistics))
+
+_TANGENT = ("x", "y", "z", "rx", "ry", "rz")
+UPPER_TRIANGLE = np.triu_indices(6)
+#: Upper triangle of the body-frame covariance of [rho; theta], row by row.
+COVARIANCE_COLUMNS = (
+    "stamp",
+    *(f"{_TANGENT[i]}_{_TANGENT[j]}" for i, j in zip(*UPPER_TRIANGLE, strict=True)),
+)
+
+#: All that a run, its evaluation and its pictures leave in a result directory.
+OWNED_FILES = (
+    "trajectory.tum",
+    "trajectory_covariance.csv",
+    "dead_reckoning.tum",
+    "smoothed.tum",
+    "smoothed_covariance.csv",
+    "steps.csv",
+    "landmarks.npz",
+    "landmarks.ply",
+    "params.yaml",
+    "summary.json",
+    "results.mcap",
+    "trajectory.png",
+    "steps.png",
+)
+
+_REFRESH_PERIOD = 1.0  # seconds
+
+
+def refuse_used(directory: Path, *, force: bool) -> None:
+    """Raise a VislamError where a result directory holds anything and may not be replaced."""
+    if not force and directory.is_dir() and any(directory.iterdir()):
+        raise VislamError(f"{directory}: is not empty: choose another directory or add --force")
+
+
+class ResultWriter:
+    """Writes a result directory; a context manager.
+
+    Leaving the context without :meth:`finish` marks the results as incomplete.
+
+    Parameters
+    ----------
+    directory : Path
+        Made where it is missing.
+    force : bool
+        Take a directory that is not empty and remove what an earlier run left there, in its
+        ``pass_NNN`` folders too. Other files are never touched.
+    started : float, optional
+        ``time.monotonic()`` at the start of the whole command, for ``total_s``; now by default.
+
+    Attributes
+    ----------
+    summary : RunSummary
+        Set here what the rows do not tell: refused messages, memory, and so on.
+
+    Raises
+    ------
+    VislamError
+        From any method, where the directory is in use or a file cannot be written.
+    """
+
+    def __init__(
+        self, directory: Path, *, force: bool = False, started: float | None = None
+    ) -> None:
+        self.directory = directory
+        self.summary = RunSummary() if started is None else RunSummary(started)
+        self._files: dict[str, io.FileIO] = {}
+        self._last_stamps: dict[str, int] = {}
+        self._unwritten_landmarks: LandmarkMap | None = None
+        self._finished = False
+        try:
+            refuse_used(directory, force=force)
+            directory.mkdir(parents=True, exist_ok=True)
+            for folder in (directory, *directory.glob("pass_[0-9][0-9][0-9]")):
+                for name in OWNED_FILES:
+                    (folder / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise VislamError(
+                f"{directory}: cannot be a result directory: {error.strerror}"
+            ) from error
+        self.flush()
+
+    def __enter__(self) -> "ResultWriter":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._finished:
+            return
+        reason = "the run was left before its end"
+        if kind:
+            reason = f"{kind.__name__}: {error}".rstrip(": ")
+        self.finish(complete=False, incomplete_reason=reason)
+
+    def add_step(
+        self,
+        stamp: int,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        covariance_body: ArrayLike,
+        statistics: StepStatistics,
+    ) -> None:
+        """Add a pose and what its step did: :meth:`add_pose` and :meth:`add_statistics`."""
+        self.add_pose(stamp, position, quaternion, covariance_body)
+        self.add_statistics(statistics)
+
+    def add_pose(
+        self,
+        stamp: int,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        covariance_body: ArrayLike,
+    ) -> None:
+        """Add a pose of the estimate.
+
+        Parameters
+        ----------
+        stamp : int
+            Nanoseconds, later than the pose before.
+        position : array_like, (3,)
+            Metres.
+        quaternion : array_like, (4,)
+            x, y, z, w.
+        covariance_body : array_like, (6, 6)
+            Of the error ``[rho; theta]`` on the right of the pose.
+
+        Raises
+        ------
+        ValueError
+            Where the stamp is not later: begin another directory when time jumps back.
+        """
+        self._append_pose("trajectory.tum", stamp, position, quaternion)
+        self._append_row(
+            "trajectory_covariance.csv",
+            COVARIANCE_COLUMNS,
+            _covariance_row(stamp, np.asarray(covariance_body, dtype=float)),
+        )
+        self.summary.add_pose(stamp)
+        self.refresh()
+
+    def add_statistics(self, statistics: StepStatistics) -> None:
+        """Add a row to ``steps.csv``."""
+        row = [
+            stamp_text(statistics.stamp),
+            int(statistics.frozen),
+            *(getattr(statistics, name) for name in STEP_COLUMNS[2:8]),
+            float(statistics.nis),
+            statistics.nis_dof,
+            float(statistics.ms),
+        ]
+        self._append_row("steps.csv", STEP_COLUMNS, row)
+        self.summary.add_statistics(statistics)
+        self.refresh()
+
+    def add_dead_reckoning(self, stamp: int, position: ArrayLike, quaternion: ArrayLike) -> None:
+        """Add a pose of the prediction; arguments and errors as for :meth:`add_pose`."""
+        self._append_pose("dead_reckoning.tum", stamp, position, quaternion)
+        self.refresh()
+
+    def set_landmarks(self, landmarks: LandmarkMap) -> None:
+        """Replace the map, on disk within about a second of further rows, or at a flush."""
+        self._unwritten_landmarks = landmarks
+        self.summary.landmarks = len(landmarks)
+        self.summary.tracks = len(np.unique(landmarks.ids))
+        self.refresh()
+
+    def set_smoothed(self, trajectory: Trajectory, covariances: ArrayLike) -> None:
+        """Write the smoothed poses and their covariances (N, 6, 6), as for :meth:`add_pose`."""
+        replace_file(self.directory / "smoothed.tum", tum_text(trajectory).encode("ascii"))
+        table = io.StringIO()
+        rows = csv.writer(table, lineterminator="\n")
+        rows.writerow(COVARIANCE_COLUMNS)
+        rows.writerows(map(_covariance_row, trajectory.stamps.tolist(), np.asarray(covariances)))
+        replace_file(self.directory / "smoothed_covariance.csv", table.getvalue().encode("ascii"))
+
+    def set_parameters(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
+        """Write ``params.yaml`` from node names to parameter names to values."""
+        write_parameters(self.directory / "params.yaml", parameters)
+        self.summary.estimator = parameters.get("slam_node", {}).get(
+            "estimator", self.summary.estimator
+        )
+
+    def refresh(self) -> None:
+        """Flush if the last flush is a second old; call it from a timer where rows may pause."""
+        if time.monotonic() - self._flushed >= _REFRESH_PERIOD:
+            self.flush()
+
+    def flush(self) -> None:
+        """Bring the map and the summary on disk up to date; the rows always are."""
+        if self._unwritten_landmarks is not None:
+            write_landmarks(self.directory / "landmarks.npz", self._unwritten_landmarks)
+            write_point_cloud(self.directory / "landmarks.ply", self._unwritten_landmarks)
+            self._unwritten_landmarks = None
+        text = json.dumps(self.summary.as_dict(), indent=2) + "\n"
+        replace_file(self.directory / "summary.json", text.encode("utf-8"))
+        self._flushed = time.monotonic()
+
+    def finish(self, *, complete: bool, incomplete_reason: str | None = None) -> None:
+        """Close the directory, saying whether the run ended whole and, if not, why."""
+        self._finished = True
+        for file in self._files.values():
+            file.close()
+        self.summary.complete = complete
+        self.summary.incomplete_reason = None if complete else incomplete_reason
+        self.flush()
+
+    def _append_pose(
+        self, name: str, stamp: int, position: ArrayLike, quaternion: ArrayLike
+    ) -> None:
+        last = self._last_stamps.get(name)
+        if last is not None and stamp <= last:
+            raise ValueError(f"{name}: stamp {stamp} is not later than {last}")
+        self._last_stamps[name] = stamp
+        row = tum_line(stamp, np.asarray(position).tolist(), np.asarray(quaternion).tolist())
+        self._append(name, f"{row}\n")
+
+    def _append_row(self, name: str, columns: Sequence[str], row: Sequence[object]) -> None:
+        line = io.StringIO()
+        table = csv.writer(line, lineterminator="\n")
+        if name not in self._files:
+            table.writerow(columns)
+        table.writerow(row)
+        self._append(name, line.getvalue())
+
+    def _append(self, name: str, lines: str) -> None:
+        """Hand whole lines to the system in one write, which a kill cannot tear."""
+        path, content = self.directory / name, lines.encode("ascii")
+        try:
+            if name not in self._files:
+                self._files[name] = path.open("wb", buffering=0)
+            if self._files[name].write(content) != len(content):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            raise VislamError(f"{path}: cannot write to this file: {error.strerror}") from error
+
+
+def _covariance_row(stamp: int, covariance: NDArray[np.float64]) -> list[object]:
+    return [stamp_text(stamp), *covariance[UPPER_TRIANGLE].tolist()]

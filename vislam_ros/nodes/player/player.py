@@ -1,0 +1,326 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The player: publishes a bag's messages, byte for byte, at their own pace or at the graph's.
+
+Nothing is lost on the way: every publisher keeps all until its subscribers acknowledge, at full
+speed only a window of feature frames runs ahead of ``slam/odometry``, and the player ends when
+all that it sent has arrived.
+"""
+
+import functools
+import importlib
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from vislam_ros.data.bags.layout import FEATURES, TWIST
+from vislam_ros.data.bags.reader import BagMessages
+from vislam_ros.data.trajectory import NANOSECONDS
+from vislam_ros.errors import VislamError
+from vislam_ros.nodes.conversions import (
+    stamp_from_message,
+    stamp_to_message,
+    status,
+    status_array,
+)
+from vislam_ros.nodes.player.clock import PlaybackClock
+from vislam_ros.nodes.player.graph import GraphWatch
+from vislam_ros.nodes.player.options import PlayOptions, PlayReport
+from vislam_ros.nodes.player.window import FeatureWindow
+from vislam_ros.nodes.qos import LATCHED, STREAM
+
+Progress = Callable[[float], None]
+"""Called with the seconds of the bag that were played in this pass."""
+
+STALL_SECONDS = 5.0
+DELIVERY_SECONDS = 60.0
+PARTING_SECONDS = 2.0
+
+_STATUS_PERIOD = 1.0
+
+
+class Player(Node):
+    """Node ``player``, good for one :meth:`play`.
+
+    Parameters
+    ----------
+    bag : BagMessages
+        Open.
+    options : PlayOptions
+    context : rclpy.context.Context, optional
+
+    Raises
+    ------
+    VislamError
+        Where the bag has none of the topics to play.
+    """
+
+    def __init__(self, bag: BagMessages, options: PlayOptions, context: Context | None = None):
+        rules = [word for rule in options.remap for word in ("-r", rule)]
+        super().__init__(
+            "player", context=context, cli_args=["--ros-args", *rules] if rules else None
+        )
+        self.options = options
+        self.clock = PlaybackClock(options.rate, paused=options.start_paused)
+        self._bag = bag
+        self._window = FeatureWindow(self.clock.condition)
+        self._publishers_by_topic = self._create_publishers()
+        self._graph = GraphWatch(self) if options.whole_graph else None
+        self.report = PlayReport()
+        self._began = 0.0
+        self._status = self.create_publisher(DiagnosticArray, "player/status", LATCHED)
+        self.create_timer(_STATUS_PERIOD, self.publish_status)
+        if options.clock_rate > 0.0:
+            self._ros_clock = self.create_publisher(Clock, "/clock", STREAM)
+            self.create_timer(1.0 / options.clock_rate, self._publish_clock)
+        self._odometry = self.create_subscription(
+            Odometry, "slam/odometry", self._on_odometry, STREAM
+        )
+        for command in (self.pause, self.resume, self.step):
+            self.create_service(Trigger, f"~/{command.__name__}", _answer(command))
+        self.publish_status()
+
+    def pause(self) -> None:
+        """Hold the messages."""
+        self.clock.pause()
+        self.publish_status()
+
+    def resume(self) -> None:
+        """Go on."""
+        self.clock.resume()
+        self.publish_status()
+
+    def toggle(self) -> None:
+        """Pause or resume."""
+        self.clock.toggle()
+        self.publish_status()
+
+    def step(self) -> None:
+        """Pause, and play up to the next feature frame."""
+        self.clock.step()
+        self.publish_status()
+
+    @property
+    def state(self) -> str:
+        """One of playing, paused, finished and interrupted."""
+        if self.report.state:
+            return self.report.state
+        return "paused" if self.clock.paused else "playing"
+
+    def play(self, progress: Progress | None = None) -> PlayReport:
+        """Play the bag as the options say; the calling thread publishes.
+
+        Returns when all is delivered, or soon after ``clock.interrupt()``.
+        """
+        report = self.report
+        with self._spinning():
+            self._wait_for_subscribers()
+            self.clock.wait_for(lambda: False, self.options.delay)
+            self._began = time.monotonic() - self.clock.seconds_paused()
+            while self._play_once(progress) and self._drain():
+                report.passes += 1
+                if report.passes == self.options.passes:
+                    break
+            report.delivered = self._deliver()
+            report.state = "interrupted" if self.clock.interrupted else "finished"
+            self.publish_status()
+            self._status.wait_for_all_acked(Duration(seconds=PARTING_SECONDS))
+        return report
+
+    def publish_status(self) -> None:
+        """Say on ``player/status`` what is going on."""
+        values = {
+            "state": self.state,
+            "features_sent": self._window.sent,
+            "features_acknowledged": self._window.acknowledged,
+            "messages_sent": self.report.messages,
+            "passes": self.report.passes,
+            "rate": self.options.rate,
+        }
+        stamp = stamp_to_message(self.clock.position())
+        self._status.publish(status_array(stamp, [status("player", values)]))
+
+    def _create_publishers(self) -> dict[str, Publisher]:
+        """Publisher of each topic that is to be played and whose message type is installed."""
+        connections = {connection.topic: connection for connection in self._bag.connections}
+        chosen = {f"/{topic.lstrip('/')}" for topic in self.options.topics} or set(connections)
+        if unknown := chosen - set(connections):
+            raise VislamError(
+                f"{self._bag.path}: has no topic {', '.join(sorted(unknown))}: choose from "
+                f"{', '.join(sorted(connections)) or 'none'}"
+            )
+        publishers = {}
+        for topic in sorted(chosen):
+            connection = connections[topic]
+            message_class = _message_class(connection.msgtype)
+            if message_class is None:
+                self.get_logger().warning(
+                    f"{topic} is not played: {connection.msgtype} is not installed"
+                )
+                continue
+            qos = LATCHED if connection.latched else STREAM
+            publishers[topic] = self.create_publisher(message_class, topic, qos)
+        return publishers
+
+    def _wait_for_subscribers(self) -> None:
+        def missing() -> list[str]:
+            links = [
+                f"{self.options.subscribers} subscriber(s) of {topic.name}"
+                for topic in (TWIST, FEATURES)
+                if (publisher := self._publishers_by_topic.get(topic.recorded))
+                and publisher.get_subscription_count() < self.options.subscribers
+            ]
+            return links + (self._graph.missing() if self._graph else [])
+
+        if not self.clock.wait_for(lambda: not missing(), self.options.wait):
+            links = missing()
+            if links and self.options.wait > 0.0 and not self.clock.interrupted:
+                self.get_logger().warning(
+                    f"playing after {self.options.wait:g} s without {', '.join(links)}: start "
+                    "the nodes first, or wait longer"
+                )
+
+    def _play_once(self, progress: Progress | None) -> bool:
+        """Publish the chosen part of the bag; whether it came to its end."""
+        begin = round(self.options.start_offset * NANOSECONDS)
+        end = begin + self.options.duration * NANOSECONDS
+        stop = None if end > self._bag.duration else round(end)
+        messages = self._bag.messages(
+            self._publishers_by_topic.keys(), start_offset=begin, stop_offset=stop
+        )
+        has_features = FEATURES.recorded in self._publishers_by_topic
+        begin += self._bag.start
+        before = self.report.bag_seconds
+        self.clock.start(begin)
+        for connection, stamp, data in messages:
+            is_frame = connection.topic == FEATURES.recorded
+            if not self.clock.wait(stamp):
+                return False
+            if is_frame:
+                if self.options.rate == 0.0:
+                    self._wait_for_answers(self.options.window - 1)
+                self._window.add(_header_stamp(data))
+            if not self._publish(self._publishers_by_topic[connection.topic], data):
+                return False
+            self.clock.sent(stamp, ends_step=is_frame or not has_features)
+            played = max(0.0, (stamp - begin) / NANOSECONDS)
+            self._count(before + played)
+            if progress:
+                progress(played)
+        return True
+
+    def _count(self, bag_seconds: float) -> None:
+        self.report.messages += 1
+        self.report.bag_seconds = bag_seconds
+        running = time.monotonic() - self._began - self.clock.seconds_paused()
+        self.report.wall_seconds = max(running, 1e-9)
+
+    def _publish(self, publisher: Publisher, data: bytes) -> bool:
+        """Publish however long it takes the subscribers to make room; False if interrupted."""
+        while not _try_to_publish(publisher, data):
+            if self.clock.interrupted or not self.context.ok():
+                return False
+        return True
+
+    def _wait_for_answers(self, most_waiting: int) -> None:
+        """Wait until at most so many frames are unanswered, if anybody answers at all."""
+        window = self._window
+        while window.waiting > most_waiting and window.answered:
+            if self.clock.interrupted or not self.count_publishers(self._odometry.topic_name):
+                return
+            answer = functools.partial(window.has_acknowledged_more, window.acknowledged)
+            moved_on = self.clock.wait_for(answer, STALL_SECONDS)
+            if not (moved_on or self.clock.interrupted):
+                self.get_logger().warning(
+                    f"{self._odometry.topic_name} has not answered {window.waiting} feature "
+                    f"frame(s) for {STALL_SECONDS:g} s: going on without"
+                )
+                window.forget()
+
+    def _drain(self) -> bool:
+        """Wait until the graph has answered all frames; False if interrupted."""
+        self._wait_for_answers(0)
+        return not self.clock.interrupted
+
+    def _deliver(self) -> bool:
+        """Wait until all messages are acknowledged; whether they are."""
+        patience = PARTING_SECONDS if self.clock.interrupted else DELIVERY_SECONDS
+        end = time.monotonic() + patience
+        for topic, publisher in self._publishers_by_topic.items():
+            while not publisher.wait_for_all_acked(Duration(seconds=0.1)):
+                if time.monotonic() > end:
+                    self.get_logger().warning(
+                        f"{topic}: a subscriber has not taken all messages in {patience:g} s"
+                    )
+                    return False
+        return True
+
+    def _publish_clock(self) -> None:
+        self._ros_clock.publish(Clock(clock=stamp_to_message(self.clock.position())))
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self._window.acknowledge(stamp_from_message(message.header.stamp))
+
+    @contextmanager
+    def _spinning(self) -> Iterator[None]:
+        """Answer services and hear the odometry in a thread while the block runs."""
+        executor = SingleThreadedExecutor(context=self.context)
+        executor.add_node(self)
+        thread = threading.Thread(target=executor.spin, name="player executor")
+        thread.start()
+        try:
+            yield
+        finally:
+            executor.shutdown()
+            thread.join()
+
+
+def _try_to_publish(publisher: Publisher, data: bytes) -> bool:
+    """Publish; False where the history is full because a subscriber is slow."""
+    try:
+        publisher.publish(data)
+    except RuntimeError:
+        return False
+    return True
+
+
+def _message_class(msgtype: str) -> Any:
+    """Class of a message type such as ``sensor_msgs/msg/Imu``; None where it is not installed."""
+    package, _, name = msgtype.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name, None)
+    except ImportError:
+        return None
+
+
+def _header_stamp(data: bytes) -> int:
+    """Stamp (ns) of the header that begins a message, from its CDR bytes."""
+    order = "<" if data[1] & 1 else ">"
+    seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
+    return int(seconds) * NANOSECONDS + int(nanoseconds)
+
+
+def _answer(
+    command: Callable[[], None],
+) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    """Service callback that obeys and agrees."""
+
+    def callback(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        command()
+        response.success = True
+        return response
+
+    return callback
