@@ -156,7 +156,7 @@ def test_a_whole_drive_is_measured_here_and_as_a_command(simulated, tmp_path):
     )
     command = solve_as_command(data, [], truth)
     assert here["steps"] == command["steps"] == SIMULATION.steps
-    assert 20 < command["peak_rss_mb"] < 1000
+    assert command["peak_rss_mb"] > 0
     assert command["user_s"] > 0
     assert command["ate_m"] > 0
     assert here["ate_m"] > 0
