@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from catkin_pkg.package import parse_package
+from packaging.requirements import Requirement
 from places import REPOSITORY
 
 import vislam_ros
@@ -149,6 +150,30 @@ def test_every_declared_python_dependency_is_imported(setup_arguments: dict[str,
     python = project_names(setup_arguments["install_requires"])
     declared = {IMPORT_NAMES.get(name, name) for name in python}
     assert declared <= set(third_party_imports(REPOSITORY / "vislam_ros"))
+
+
+@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13"])
+def test_constraints_pin_every_dependency_to_one_version_that_setup_py_allows(
+    setup_arguments: dict[str, Any], python: str
+) -> None:
+    lists = [setup_arguments["install_requires"], *setup_arguments["extras_require"].values()]
+    declared = [Requirement(text) for requirements in lists for text in requirements]
+    pins = [
+        Requirement(line)
+        for line in (REPOSITORY / "constraints.txt").read_text().splitlines()
+        if not line.startswith("#")
+    ]
+
+    def holds(requirement: Requirement) -> bool:
+        marker = requirement.marker
+        return marker is None or marker.evaluate({"python_version": python})
+
+    for requirement in filter(holds, declared):
+        name = requirement.name.lower()
+        (pin,) = (pin for pin in pins if pin.name == name and holds(pin))
+        (exactly,) = pin.specifier
+        assert exactly.operator == "=="
+        assert requirement.specifier.contains(exactly.version), requirement
 
 
 def test_every_executable_is_a_function_of_the_package(setup_arguments: dict[str, Any]) -> None:
