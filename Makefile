@@ -61,9 +61,8 @@ report: $(READY) ## draw the report's figures 2 to 6: results/report; DATA=... R
 	  $(if $(REFERENCE),--reference $(REFERENCE))
 
 bench: $(READY) ## measure speed, peers and consistency, half an hour: results/bench.json
-	@mkdir -p results
 	@$(ENTER) OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench.py $(if $(DATA),--data $(DATA)) \
-	  $(if $(REFERENCE),--reference $(REFERENCE)) --force --out results/bench.json $(ARGS)
+	  $(if $(REFERENCE),--reference $(REFERENCE)) --force $(ARGS)
 
 test: $(READY) ## run all tests on two cores
 	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal $(ARGS)
