@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""tools/constraints.py says once what all Pythons share, and where they differ for which it is."""
+"""tools/constraints.py writes once what all Pythons share, and else for which Pythons a version is."""
 
 import json
 import sys
@@ -12,7 +12,7 @@ import pytest
 from vislam_ros.errors import VislamError
 
 
-def test_a_version_that_all_pythons_have_is_told_once() -> None:
+def test_a_version_that_all_pythons_have_is_written_once() -> None:
     resolved = {(3, 10): {"a": "1.0"}, (3, 11): {"a": "1.0"}}
     assert list(constraints.pins(resolved)) == ["a==1.0"]
 
