@@ -18,7 +18,7 @@ from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.linalg.pose_update import corrected_by_information
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.tracking.tracked_frame import Keys
-from vislam_ros.core.tracking.tracks import slots_of
+from vislam_ros.core.tracking.tracks import indices_of
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ class BlockDiagonalFilter(IndependentLandmarkFilter):
 
     def _correct(self, keys: Keys, pixels: Array) -> Outcome:
         landmarks = self._landmarks
-        slots = slots_of(keys, landmarks.keys)
+        slots = indices_of(keys, landmarks.keys)
         predicted = self._observation.predict(self.T_world_body, landmarks.means[slots])
         residual = self._observation.rows(pixels) - predicted.z
         H_p, H_L, P = predicted.H_pose, predicted.H_landmark, landmarks.covariances[slots]

@@ -14,7 +14,7 @@ from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.motion import Increment, propagate, symmetrized
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
-from vislam_ros.core.tracking.tracks import among
+from vislam_ros.core.tracking.tracks import is_member
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class IndependentLandmarks:
 
     def retire(self, keys: Keys) -> None:
         """Set landmarks aside as they stand."""
-        gone = among(self.keys, keys)
+        gone = is_member(self.keys, keys)
         self._retired.add(self.keys[gone], self.means[gone], self.covariances[gone])
         self.keys, self.means = self.keys[~gone], self.means[~gone]
         self.covariances = self.covariances[~gone]
@@ -127,7 +127,7 @@ class IndependentLandmarkFilter:
         self.T_world_body = self.T_world_body @ increment.T
         self.pose_covariance = symmetrized(propagate(self.pose_covariance, increment))
         landmarks.retire(frame.ended)
-        known = among(frame.keys, landmarks.keys)
+        known = is_member(frame.keys, landmarks.keys)
         usable = landmarks.has_depth(frame.pixels)
         seen, new = known & usable, ~known & usable
         outcome = self._correct(frame.keys[seen], frame.pixels[seen])

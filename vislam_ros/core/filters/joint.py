@@ -31,7 +31,7 @@ from vislam_ros.core.smoothing.error_operations import (
 )
 from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
-from vislam_ros.core.tracking.tracks import among, slots_of
+from vislam_ros.core.tracking.tracks import indices_of, is_member
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class JointFilter:
             self._tape.begin_step(self.covariance)
         self._predict(increment)
         self._retire(frame.ended)
-        known = among(frame.keys, self.keys)
+        known = is_member(frame.keys, self.keys)
         usable = self._has_depth(frame.pixels)
         used, rejected, nis, dof = self._correct(
             frame.keys[known & usable], frame.pixels[known & usable]
@@ -129,7 +129,7 @@ class JointFilter:
             self._tape.record(RandomWalk(increment.covariance))
 
     def _retire(self, keys: Keys) -> None:
-        gone = among(self.keys, keys)
+        gone = is_member(self.keys, keys)
         if not np.any(gone):
             return
         self._retired.add(self.keys[gone], self.means[gone], self._landmark_covariances()[gone])
@@ -153,7 +153,7 @@ class JointFilter:
         """
         if not len(keys):
             return 0, keys, 0.0, 0
-        slots = slots_of(keys, self.keys)
+        slots = indices_of(keys, self.keys)
         predicted = self._observation.predict(self.T_world_body, self.means[slots])
         residual = self._observation.rows(pixels) - predicted.z
         HP = self._times_H(predicted, slots)

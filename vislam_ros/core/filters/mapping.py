@@ -10,7 +10,7 @@ from vislam_ros.core.filters.independent_landmarks import IndependentLandmarkFil
 from vislam_ros.core.linalg.gating import mahalanobis_squared, passes_gates
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.tracking.tracked_frame import Keys
-from vislam_ros.core.tracking.tracks import slots_of
+from vislam_ros.core.tracking.tracks import indices_of
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ class MappingFilter(IndependentLandmarkFilter):
 
     def _correct(self, keys: Keys, pixels: Array) -> Outcome:
         landmarks = self._landmarks
-        slots = slots_of(keys, landmarks.keys)
+        slots = indices_of(keys, landmarks.keys)
         predicted = self._observation.predict(self.T_world_body, landmarks.means[slots])
         residual = self._observation.rows(pixels) - predicted.z
         P, H = landmarks.covariances[slots], predicted.H_landmark

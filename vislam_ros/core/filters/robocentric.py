@@ -73,7 +73,7 @@ from vislam_ros.core.smoothing.error_operations import (
 )
 from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
-from vislam_ros.core.tracking.tracks import among, slots_of
+from vislam_ros.core.tracking.tracks import indices_of, is_member
 
 Array = NDArray[np.float64]
 
@@ -194,13 +194,13 @@ class RobocentricFilter:
         if self._tape is not None:
             self._tape.begin_step(self.covariance)
         if len(frame.ended):
-            self._retire(among(self.keys, frame.ended))
+            self._retire(is_member(self.keys, frame.ended))
         passed = np.empty(0, dtype=np.int64)
         moved = increment.duration > _SHORTEST_STEP
         if moved:
             before, Y = self._measure_twist(increment)
             passed = self._move(increment.duration, Y)
-        slots = slots_of(frame.keys, self.keys)
+        slots = indices_of(frame.keys, self.keys)
         known = slots >= 0
         outcome = self._correct(frame.keys[known], slots[known], frame.pixels[known])
         if self._settings.learn_noise and moved and outcome.used:
@@ -208,13 +208,13 @@ class RobocentricFilter:
         # What the body has passed cannot be what is seen: its track begins anew at the next frame.
         new = ~known
         if len(passed):
-            new &= ~among(frame.keys, passed)
+            new &= ~is_member(frame.keys, passed)
         self._admit(frame.keys[new], frame.pixels[new], frame.copied[new])
         if self._tape is not None:
             self._tape.record(PoseMark(self.T_world_body))
         rejected = outcome.rejected
         if len(passed):
-            rejected = np.concatenate([rejected, passed[among(passed, frame.keys)]])
+            rejected = np.concatenate([rejected, passed[is_member(passed, frame.keys)]])
         admitted = int(np.count_nonzero(new))
         return Outcome(outcome.used, admitted, rejected, outcome.nis, outcome.nis_dof)
 
@@ -321,14 +321,14 @@ class RobocentricFilter:
             believed = self._believed(slots, residual, noise)
         except scipy.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
-            self._retire(among(self.keys, keys))
+            self._retire(is_member(self.keys, keys))
             return Outcome(rejected=keys)
         kept, n = believed.kept, len(believed.kept)
         rejected = keys[:0]
         if n < len(keys):
             rejected = np.delete(keys, kept)
-            self._retire(among(self.keys, rejected))
-            slots = slots_of(keys[kept], self.keys)
+            self._retire(is_member(self.keys, rejected))
+            slots = indices_of(keys[kept], self.keys)
         if not n:
             return Outcome(rejected=rejected)
         numbers = len(believed.weighted)
