@@ -7,7 +7,7 @@ state are themselves observed. Covariances are C-ordered and symmetric, so the t
 one is itself in the Fortran order that LAPACK works on without a copy.
 """
 
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import scipy.linalg
@@ -58,8 +58,34 @@ def without(P: Array, kept: NDArray[np.int64], scratch: Scratch) -> Array:
     return rest
 
 
-def correct(P: Array, S: Array, HP: Array, residual: Array) -> tuple[Array, float]:
-    """Correct a covariance in place and return what the state is to be moved by.
+class Corrected(NamedTuple):
+    """What a correction has found, with ``S = L L^T``.
+
+    Attributes
+    ----------
+    delta : ndarray, (D,)
+        ``K r``, what the state is to be moved by.
+    whitened : ndarray, (m,)
+        ``L^-1 r``.
+    Y : ndarray, (m, D)
+        ``L^-1 H P``.
+    L : ndarray, (m, m)
+        In its lower triangle; above it there may be anything.
+    """
+
+    delta: Array
+    whitened: Array
+    Y: Array
+    L: Array
+
+    @property
+    def nis(self) -> float:
+        """``r^T S^-1 r``."""
+        return float(self.whitened @ self.whitened)
+
+
+def correct(P: Array, S: Array, HP: Array, residual: Array) -> Corrected:
+    """Correct a covariance in place.
 
     With ``S = L L^T`` and ``Y = L^-1 H P``, ``P - K S K^T`` is ``P - Y^T Y``: symmetric to the
     last bit, unlike ``(I - K H) P``.
@@ -73,13 +99,6 @@ def correct(P: Array, S: Array, HP: Array, residual: Array) -> tuple[Array, floa
     HP : ndarray, (m, D)
         C-ordered; is overwritten.
     residual : ndarray, (m,)
-
-    Returns
-    -------
-    delta : ndarray, (D,)
-        ``K r``.
-    nis : float
-        ``r^T S^-1 r``.
 
     Raises
     ------
@@ -113,7 +132,7 @@ def correct(P: Array, S: Array, HP: Array, residual: Array) -> tuple[Array, floa
         )
     blas.dsyrk(-1.0, Y_T, beta=1.0, c=P.T, lower=1, overwrite_c=1)
     mirror_upper(P)
-    return Y_T @ whitened, float(whitened @ whitened)
+    return Corrected(Y_T @ whitened, whitened, Y_T.T, L)
 
 
 def inverse_of_positive(S: Array) -> Array:
@@ -148,10 +167,10 @@ def inverse_of_positive(S: Array) -> Array:
 
 
 @compiled(
-    "Tuple((float64[:, ::1], float64[::1]))"
+    "Tuple((float64[:, ::1], float64[::1], float64[:, ::1]))"
     "(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])"
 )
-def whitened(P: Array, H: Array, noise: Array, residual: Array) -> tuple[Array, Array]:
+def whitened(P: Array, H: Array, noise: Array, residual: Array) -> tuple[Array, Array, Array]:
     """Whiten a few rows of observations of the first components of the state.
 
     With ``S = H P H^T + R = L L^T`` the correction takes ``Y^T Y`` from P and adds ``Y^T L^-1 r``
@@ -171,6 +190,7 @@ def whitened(P: Array, H: Array, noise: Array, residual: Array) -> tuple[Array, 
     Y : ndarray, (r, D)
     whitened_residual : ndarray, (r,)
         ``L^-1 r``.
+    L : ndarray, (r, r)
 
     Raises
     ------
@@ -205,7 +225,7 @@ def whitened(P: Array, H: Array, noise: Array, residual: Array) -> tuple[Array, 
         white[i] /= L[i, i]
         for j in range(len(P)):
             Y[i, j] /= L[i, i]
-    return Y, white
+    return Y, white, L
 
 
 def correct_directly(
