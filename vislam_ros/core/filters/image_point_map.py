@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.compiled import compiled
-from vislam_ros.core.filters.vehicle_state import POSE_AND_LENS, SIZE
+from vislam_ros.core.filters.robocentric_model import POSE_AND_LENS, SIZE
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift

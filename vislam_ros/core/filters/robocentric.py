@@ -13,16 +13,18 @@ kappa, and a landmark's error is the one that remains at a given kappa: ``y = y_
 D(y_hat) delta_kappa`` (see lens). So a wrong kappa shows in the motion of image points only, as
 it does in a camera.
 
-It is an EKF as the report's eq. 25-36 have it, and these are its terms::
+These are the terms of the EKF (the report's eq. 25-36), as robocentric_model and warp have them::
 
-    state    T, u, b_g, b_v, kappa, y_1 ... y_n: pose, twist, biases of gyroscope and velocity,
-             lens, landmarks; T = T_hat Exp(xi), all other errors are differences
-    Q        tau blkdiag(0, W_u, W_g, W_v, 0): random walks of the vehicle state alone
-    h, H     of the twist   [v + b_v; omega + b_g], and 0 for the slip [v_y; v_z];  (see
-             twist_measurement)
-    F        xi <- Ad(Exp(-tau u)) xi + tau J_r delta_u
-             delta_y <- F_y delta_y + tau G J_r delta_u + lens  (see image_point_motion)
-    h, H     of the image   y, [0 I]
+    state  T, u, b_g, b_v, kappa, y_1 ... y_n: pose, twist, biases of gyroscope and velocity,
+           lens, landmarks; T = T_hat Exp(xi), all other errors are differences
+    Q      tau blkdiag(0, W_u, W_g, W_v, 0), a random walk of u and of the biases alone
+    F      [ Ad(Exp(-tau u))  tau J_r      0  0                0           ]  xi
+           [ 0                I            0  0                0           ]  delta_u
+           [ 0                0            I  0                0           ]  delta_b
+           [ 0                0            0  1                0           ]  delta_kappa
+           [ 0                tau G_i J_r  0  F_i D_i - D_i+   blkdiag F_i ]  delta_y_i
+    h, H   of the twist: [v + b_v; omega + b_g], [0 I B 0 0]; of no slip: v_y and v_z
+           of the image: y, [0 I]
 
 A step from stamp k - 1 to k, of tau seconds:
 
@@ -58,9 +60,7 @@ from vislam_ros.core.filters.image_point_map import (
     positions_of_all,
     world_positions,
 )
-from vislam_ros.core.filters.image_point_motion import transition_of
-from vislam_ros.core.filters.twist_measurement import TwistMeasurement
-from vislam_ros.core.filters.vehicle_state import (
+from vislam_ros.core.filters.robocentric_model import (
     GYRO_BIAS,
     LENS,
     POSE,
@@ -68,7 +68,9 @@ from vislam_ros.core.filters.vehicle_state import (
     SIZE,
     TWIST,
     VELOCITY_BIAS,
+    TwistMeasurement,
     prior_covariance,
+    transition_of,
     walk_covariance,
 )
 from vislam_ros.core.geometry import se3
