@@ -46,7 +46,6 @@ holds the two together to 1e-9.
 
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -96,13 +95,6 @@ Array = NDArray[np.float64]
 
 # Nothing moves in less than this, and no twist can be told from it [s].
 _SHORTEST_STEP = 1e-4
-
-
-class _Twist(NamedTuple):
-    """Mean and variances (6,) of a step's twist before it is measured."""
-
-    mean: Array
-    variances: Array
 
 
 class RobocentricFilter:
@@ -196,7 +188,7 @@ class RobocentricFilter:
         known = slots >= 0
         outcome = self._correct(frame.keys[known], slots[known], frame.pixels[known])
         if self._settings.learn_noise and moved and outcome.used:
-            self._learn_motion_noise(before, measured, tau)
+            self._learn_motion_noise(*before, measured, tau)
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         new = ~(known | is_member(frame.keys, behind_camera))
         self._initialize(frame.keys[new], frame.pixels[new], frame.copied[new])
@@ -231,11 +223,11 @@ class RobocentricFilter:
         self._track_noise.end(gone)
         self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
 
-    def _walk(self, tau: float) -> _Twist:
-        """``P <- P + Q``; return the twist as it stands then."""
+    def _walk(self, tau: float) -> tuple[Array, Array]:
+        """``P <- P + Q``; return the twist (6,) and its variances (6,) as they stand then."""
         Q = walk_covariance(self._settings, self._motion_noise.walk_variance, tau)
         self._state.apply(RandomWalk(Q))
-        return _Twist(self.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy())
+        return self.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
 
     def _measure_twist(self, measured: Array, tau: float) -> None:
         """Correct by the prediction's mean twist (6,) over tau seconds."""
@@ -272,9 +264,8 @@ class RobocentricFilter:
             return Outcome()
         residual = self._straight(pixels) - self.image_points[slots]
         noise = self._track_noise.variances(slots)
-        components = self._track_noise.components
         try:
-            inliers = self._inliers(slots, residual, noise, components)
+            inliers = self._inliers(slots, residual, noise)
         except scipy.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             self._marginalize(is_member(self.keys, keys))
@@ -286,49 +277,38 @@ class RobocentricFilter:
             slots = indices_of(keys[inliers.indices], self.keys)
         if not len(slots):
             return Outcome(rejected=rejected)
+        used = self._track_noise.components
         corrected = self._state.apply(
-            DirectCorrection(
-                residual[:, components], noise[:, components], slots, components, inliers
-            )
+            DirectCorrection(residual[:, used], noise[:, used], slots, used, inliers)
         )
         self._track_noise.see(slots, residual, inliers.inverse.diagonal(), inliers.weighted)
         self._shift(corrected.delta)
-        return Outcome(
-            used=len(slots),
-            rejected=rejected,
-            nis=corrected.nis,
-            nis_dof=len(inliers.weighted),
-        )
+        dof = len(inliers.weighted)
+        return Outcome(len(slots), rejected=rejected, nis=corrected.nis, nis_dof=dof)
 
-    def _inliers(
-        self,
-        slots: NDArray[np.int64],
-        residual: Array,
-        noise: Array,
-        components: NDArray[np.int64],
-    ) -> Inliers:
-        """Innovations (n, 3) that pass their own gates and agree with all others.
-
-        Only those of their components count that tell anything new.
-        """
+    def _inliers(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> Inliers:
+        """Innovations (n, 3) that pass their own gates and agree with all the others."""
         gate = self._track_noise.gate(self._settings.chi2_gate)
         own = self._state.landmark_covariances()[slots]
         expected = self._track_noise.expected(noise, self.image_points[slots])
         np.einsum("nii->ni", own)[:] += expected
         alone = np.flatnonzero(passes_gates(residual, own, gate, self._settings.pixel_gate))
-        rows = alone[:, None], components
-        together = DirectCorrection(residual[rows], noise[rows], slots[alone], components)
+        used = self._track_noise.components
+        numbers = alone[:, None], used
+        together = DirectCorrection(residual[numbers], noise[numbers], slots[alone], used)
         size = together.residual.size
         S = self._state.scratch.matrix("work", size, size)
         agreed = deletion_gate(gate, together.residual, together.inverse_in(self._state, S))
         return agreed._replace(indices=alone[agreed.indices])
 
-    def _learn_motion_noise(self, before: _Twist, measured: Array, tau: float) -> None:
+    def _learn_motion_noise(
+        self, twist_before: Array, variances_before: Array, measured: Array, tau: float
+    ) -> None:
         """Learn the noise of the motion from a step of tau seconds that vision has seen."""
         P, H = self._state.vehicle_covariance, self._twist_measurement.H[:6]
-        change, variances = self.twist - before.mean, P.diagonal()[TWIST]
+        change, variances = self.twist - twist_before, P.diagonal()[TWIST]
         unexplained = self._twist_error(measured) ** 2 + np.sum((H @ P) * H, axis=1)
-        self._motion_noise.learn(change, before.variances, variances, unexplained, tau)
+        self._motion_noise.learn(change, variances_before, variances, unexplained, tau)
 
     def _initialize(self, keys: Keys, pixels: Array, copied: NDArray[np.bool_]) -> None:
         """Begin landmarks at their first observation."""
