@@ -12,11 +12,11 @@ from vislam_ros.core.linalg.linear_update import (
     diagonal_blocks,
     innovation_covariance,
     inverse_of_positive,
+    marginal,
     mirror_lower,
     mirror_upper,
     take,
     whitened,
-    without,
 )
 
 
@@ -126,10 +126,10 @@ def test_diagonal_blocks_are_copies_of_those_of_any_view():
 def test_components_left_out_leave_the_rest_as_it_was():
     scratch = Scratch()
     P, kept = problem(9, 1)[0], np.array([0, 1, 4, 8])
-    rest = without(P, kept, scratch)
+    rest = marginal(P, kept, scratch)
     assert np.array_equal(rest, P[np.ix_(kept, kept)])
     # What comes next does not write over what it comes from.
-    assert np.array_equal(without(rest, np.arange(3), scratch), P[np.ix_(kept[:3], kept[:3])])
+    assert np.array_equal(marginal(rest, np.arange(3), scratch), P[np.ix_(kept[:3], kept[:3])])
     assert np.array_equal(rest, P[np.ix_(kept, kept)])
 
 

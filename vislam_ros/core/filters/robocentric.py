@@ -4,7 +4,7 @@
 
 A landmark is its image point ``y = (u_left, u_right, v)`` in the current left camera. Its first
 observation is itself the landmark's estimate, its noise the landmark's covariance, and it depends
-on nothing else: initialising is exact. Observing is linear. The one nonlinearity is the warp over
+on nothing else: initializing is exact. Observing is linear. The one nonlinearity is the warp over
 a step (see warp), which is mild at every depth and for every disparity, zero and negative ones
 included.
 
@@ -93,7 +93,7 @@ from vislam_ros.core.tracking.tracks import indices_of, is_member
 
 Array = NDArray[np.float64]
 
-# Nothing moves in less than this, and no twist can be told from it [s].
+# Nothing moves in less than this, and no twist can be had from it [s].
 _SHORTEST_STEP = 1e-4
 
 
@@ -311,13 +311,13 @@ class RobocentricFilter:
         self._motion_noise.learn(change, variances_before, variances, unexplained, tau)
 
     def _initialize(self, keys: Keys, pixels: Array, copied: NDArray[np.bool_]) -> None:
-        """Begin landmarks at their first observation."""
+        """Add landmarks at their first observation."""
         if not len(keys):
             return
         y = self._straight(pixels)
         self._track_noise.start(self._observation.row_mismatch(pixels))
         noise = self._track_noise.of_new_tracks(y)
-        # A track begun at a copied pixel has the disparity of the point it stood for before.
+        # A track that begins at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
         noise[copied, 1, 1] += stale[copied] ** 2
         if self._disparity_prior is not None:

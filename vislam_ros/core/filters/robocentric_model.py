@@ -14,7 +14,7 @@ are measured as zero.
     landmark  F_y delta_y + tau G J_r delta_u + (F_y D(y) - D(y+)) delta_kappa
 
 where J_r is the right Jacobian at ``tau u``, F_y and G are those of the warp, and D is the shift
-of the lens, which a landmark's error is told apart from (see lens). The pose's part is the
+of the lens, which a landmark's error is kept apart from (see lens). The pose's part is the
 report's eq. 13 and 52, with the twist in the state.
 """
 

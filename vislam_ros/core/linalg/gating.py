@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Gates: which observations to believe."""
+"""Gates: which observations are inliers, by their innovation and its S (the report's eq. 69)."""
 
 import math
 from typing import NamedTuple

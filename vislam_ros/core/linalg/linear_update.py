@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The correction of a Kalman filter, as the few LAPACK calls it needs, in place.
 
+The report's ``K = P H^T S^-1``, ``S = H P H^T + R`` and ``(I - K H) P`` (eq. 7-9, 22-24, 35-36 and
+69-71), without forming K, and in forms that stay symmetric and positive.
+
 There are two: :func:`correct` for any H, and :func:`correct_directly` where components of the
 state are themselves observed. Covariances are C-ordered and symmetric, so the transposed view of
 one is itself in the Fortran order that LAPACK works on without a copy.
@@ -51,10 +54,10 @@ class Scratch:
         return self.matrix(name, size, size)
 
 
-def without(P: Array, kept: NDArray[np.int64], scratch: Scratch) -> Array:
-    """Covariance (k, k) of some components of an error state."""
-    rest = scratch.successor(P, len(kept))
-    take(P, kept, kept, rest)
+def marginal(P: Array, rows: NDArray[np.int64], scratch: Scratch) -> Array:
+    """Covariance (k, k) of some components of an error state, the others left out."""
+    rest = scratch.successor(P, len(rows))
+    take(P, rows, rows, rest)
     return rest
 
 

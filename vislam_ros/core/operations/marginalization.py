@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.linalg.linear_update import without
+from vislam_ros.core.linalg.linear_update import marginal
 from vislam_ros.core.operations.error_state import ErrorState, Operation
 from vislam_ros.core.tracking.tracked_frame import Keys
 
@@ -59,5 +59,5 @@ class Marginalization(Operation[None]):
     def forward(self, state: ErrorState) -> None:
         """Leave out their rows and columns."""
         landmarks = state.rows_of(np.flatnonzero(~self.gone)).ravel()
-        kept = np.concatenate([np.arange(state.vehicle_size), landmarks])
-        state.covariance = without(state.covariance, kept, state.scratch)
+        rows = np.concatenate([np.arange(state.vehicle_size), landmarks])
+        state.covariance = marginal(state.covariance, rows, state.scratch)

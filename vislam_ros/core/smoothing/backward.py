@@ -65,7 +65,7 @@ class Smoothed:
     pose_covariances : ndarray, (T, 6, 6)
         Of the pose errors ``[rho; theta]`` on the right.
     keys : ndarray of int64, (M,)
-        The landmarks that were set aside, in that order.
+        The landmarks that were marginalized, in that order.
     positions : ndarray, (M, 3)
         Metres.
     covariances : ndarray, (M, 3, 3)

@@ -57,7 +57,7 @@ def smoothed_drive(
         others.
     """
     smoothed = smooth(tape)
-    # What was set aside without a position is on the tape and not in the map.
+    # What was marginalized without a position is on the tape and not in the map.
     mapped = is_member(smoothed.keys, keys)
     slots = indices_of(smoothed.keys[mapped], keys)
     positions, covariances = landmarks.positions.copy(), landmarks.covariances.copy()
