@@ -150,8 +150,9 @@ class SteadySession:
         """Rows of the last update, and components of the error state that it corrected."""
         filter_step = self._filter_steps[-1]
         before = self.last.active - self.last.admitted + self.last.rejected
-        small = getattr(self._slam.filter, "SMALL_SIZE", 6)
-        return 3 * filter_step.outcome.used, small + 3 * before
+        covariance = getattr(self._slam.filter, "covariance", None)
+        vehicle = 6 if covariance is None else len(covariance) - 3 * self.last.active
+        return 3 * filter_step.outcome.used, vehicle + 3 * before
 
     def _take(self, turnover: int) -> SlamStep:
         return self._give(self._scene.frame(turnover))

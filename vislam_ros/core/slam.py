@@ -36,13 +36,7 @@ from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
 
-# Sizes of the small part of the error state, of the estimators that record what they do.
-_SMALL_SIZES = {
-    "robocentric": RobocentricFilter.SMALL_SIZE,
-    "joint": JointFilter.SMALL_SIZE,
-}
-
-SMOOTHABLE = tuple(_SMALL_SIZES)
+SMOOTHABLE = ("robocentric", "joint")
 """Estimators that can be smoothed."""
 
 
@@ -181,7 +175,7 @@ class Slam:
         settings = self._settings
         self._pass = pass_number
         self._estimator: Estimator | None = None
-        self._tape = Tape(_SMALL_SIZES[settings.estimator]) if self._record else None
+        self._tape = Tape() if self._record else None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
         self._tracks = Tracks(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vislam_ros.core.tracking.tracks import Tracks, among, slots_of
+from vislam_ros.core.tracking.tracks import Tracks, indices_of, is_member
 
 
 def frame_of(pixel_of_id):
@@ -173,16 +173,16 @@ def test_an_empty_frame_is_a_frame(tracks):
 
 
 def test_slots_are_found_in_a_table_of_any_order():
-    assert slots_of(np.array([5, 2, 9]), np.array([9, 5, 7, 2])).tolist() == [1, 3, 0]
+    assert indices_of(np.array([5, 2, 9]), np.array([9, 5, 7, 2])).tolist() == [1, 3, 0]
 
 
 def test_keys_that_are_not_in_a_table_have_no_place():
     table, none = np.array([9, 5, 7, 2]), np.empty(0, dtype=np.int64)
     keys = np.array([8, 2, 10, 9, 1])
-    assert slots_of(keys, table).tolist() == [-1, 3, -1, 0, -1]
-    assert among(keys, table).tolist() == [False, True, False, True, False]
-    assert not among(keys, none).any()
-    assert slots_of(none, table).shape == (0,)
+    assert indices_of(keys, table).tolist() == [-1, 3, -1, 0, -1]
+    assert is_member(keys, table).tolist() == [False, True, False, True, False]
+    assert not is_member(keys, none).any()
+    assert indices_of(none, table).shape == (0,)
 
 
 def test_a_track_out_of_sight_keeps_its_key_until_it_is_retired():

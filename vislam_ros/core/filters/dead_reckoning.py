@@ -1,6 +1,10 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Dead reckoning: twist samples summed up to a pose, the report's eq. 51-52."""
+"""Dead reckoning: twist samples summed up to a pose.
+
+The report's prediction (eq. 10-13 and 48-52): ``T <- T Exp(tau u)`` and ``P <- F P F^T + W`` with
+``F = Ad(Exp(-tau u))``.
+"""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -46,7 +50,7 @@ class Prediction:
 
 
 class DeadReckoning:
-    """Pose from twists alone. It never hears of corrections: it is the ``odom`` frame.
+    """Pose from twists alone. It never takes a correction: it is the ``odom`` frame.
 
     A twist holds over the interval that ends at its stamp, so the first one only starts the
     clock: the pose begins at the identity.

@@ -23,7 +23,7 @@ from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 NO_KEY = -1
 
 
-def slots_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
+def indices_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
     """Places (n,) in a table (m,) of different keys, in any order, of keys (n,); -1 for none."""
     order = np.argsort(table)
     return _found(keys, table[order], order)
@@ -46,9 +46,9 @@ def _found(keys: Keys, ordered: Keys, places: NDArray[np.int64]) -> NDArray[np.i
     return result
 
 
-def among(keys: Keys, table: Keys) -> NDArray[np.bool_]:
+def is_member(keys: Keys, table: Keys) -> NDArray[np.bool_]:
     """Tell which keys (n,) are in a table (m,) of different keys, in any order."""
-    return slots_of(keys, table) >= 0
+    return indices_of(keys, table) >= 0
 
 
 class Tracks:
@@ -158,7 +158,7 @@ class Tracks:
     def restart(self, keys: Keys, *, rest: bool) -> None:
         """End points whose observation was rejected; told so, their ids rest before."""
         if len(keys):
-            rejected = among(self._keys, keys)
+            rejected = is_member(self._keys, keys)
             self._keys[rejected] = NO_KEY
             self._rest[rejected] = self._rest_after_rejection if rest else 0
 
