@@ -174,6 +174,13 @@ def test_everything_that_is_installed_beside_the_modules_exists(
     assert "share/vislam_ros/config/ekf.yaml" in installed
 
 
+def test_every_folder_of_the_package_is_a_package_of_its_own() -> None:
+    folders = {path.parent for path in (REPOSITORY / "vislam_ros").rglob("*.py")}
+    assert len(folders) > 10
+    # setuptools installs no folder without it, and nothing below.
+    assert not [folder for folder in folders if not (folder / "__init__.py").is_file()]
+
+
 def test_every_python_file_names_its_licence() -> None:
     folders = ("vislam_ros", "test", "tools")
     paths = [path for folder in folders for path in (REPOSITORY / folder).rglob("*.py")]
