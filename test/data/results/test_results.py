@@ -16,8 +16,8 @@ import pytest
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.data.results.reader import read_results
-from vislam_ros.data.results.writer import OWNED_FILES, ResultWriter
 from vislam_ros.data.results.summary import StepStatistics
+from vislam_ros.data.results.writer import OWNED_FILES, ResultWriter
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 

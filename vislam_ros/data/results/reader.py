@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.data.files.parameter_file import Parameters, read_parameters
-from vislam_ros.data.results.writer import COVARIANCE_COLUMNS, STEP_COLUMNS, UPPER_TRIANGLE
+from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.data.results.summary import read_summary
+from vislam_ros.data.results.writer import COVARIANCE_COLUMNS, STEP_COLUMNS, UPPER_TRIANGLE
 from vislam_ros.data.trajectory import Trajectory, parse_tum, stamp_from_text
 from vislam_ros.errors import VislamError
 

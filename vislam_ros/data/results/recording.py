@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.data.bags.layout import Topic
-from vislam_ros.data.results.writer import ResultWriter
-from vislam_ros.data.results.summary import StepStatistics
 from vislam_ros.data.results.message_log import MessageLog
+from vislam_ros.data.results.summary import StepStatistics
+from vislam_ros.data.results.writer import ResultWriter
 
 _MAP_SECONDS, _MAP_SECONDS_A_STEP = 60.0, 0.03
 

@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.data.results.landmark_map import write_landmarks, write_point_cloud
 from vislam_ros.data.files.parameter_file import write_parameters
+from vislam_ros.data.files.whole_file import replace_file
+from vislam_ros.data.results.landmark_map import write_landmarks, write_point_cloud
 from vislam_ros.data.results.summary import RunSummary, StepStatistics
 from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line, tum_text
-from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.errors import VislamError
 
 STEP_COLUMNS = tuple(field.name for field in dataclasses.fields(StepStatistics))
