@@ -198,7 +198,7 @@ class DenseRobocentricFilter:
                 error = se3.log(increment.T) / tau - H @ self.estimate
                 unexplained = error**2 + np.diag(H @ self.P @ H.T)
                 after = np.diag(self.P)[TWIST]
-                self.motion_noise.learn(change, variances, after, unexplained, tau)
+                self.motion_noise.update(change, variances, after, unexplained, tau)
         self.admit([keys[i] for i in new], frame.pixels[new], frame.copied[new].tolist())
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))
@@ -216,7 +216,7 @@ class DenseRobocentricFilter:
     def measure_twist(self, measured: Array, tau: float) -> tuple[Array, Array]:
         """Return the twist and its variances before it is measured."""
         settings = self.settings
-        self.motion_noise.hear(measured)
+        self.motion_noise.add(measured)
         self.P[TWIST, TWIST] += tau * np.diag(self.motion_noise.walk_variance)
         self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
         self.P[DRIFT, DRIFT] += settings.velocity_bias_walk_std**2 * tau * np.eye(2)
@@ -329,7 +329,7 @@ class DenseRobocentricFilter:
             each = np.kron(np.eye(len(kept)), some_rows)
             S_inverse = np.linalg.inv(H @ self.P @ H.T + R)
             information = np.diag(each.T @ S_inverse @ each).copy()
-            noise.see(slots[kept], residual[kept], information, each.T @ S_inverse @ innovation)
+            noise.update(slots[kept], residual[kept], information, each.T @ S_inverse @ innovation)
         self.end(rejected)
         if len(H):
             self.update(H, R, innovation)
@@ -353,14 +353,14 @@ class DenseRobocentricFilter:
         z = self.image_points(pixels)
         points = z + self.estimate[LENS] * shift(self.camera, z).real
         spread = np.sqrt(self.told_V[1, 1] + self.told_V[3, 3])
-        self.track_noise.start((pixels[:, 1] - pixels[:, 3]) / spread)
+        self.track_noise.initialize_level((pixels[:, 1] - pixels[:, 3]) / spread)
         noises = list(self.track_noise.of_new_tracks(points))
         a = np.array([1.0, -1.0, 0.0])
         for y, noise, stale in zip(points, noises, copied, strict=True):
             if stale:
                 noise[1, 1] += (self.settings.stale_disparity * (a @ y)) ** 2
         if self.settings.disparity_prior and keys:
-            self.disparity_prior.hear(points @ a)
+            self.disparity_prior.add(points @ a)
             variances = np.array([a @ noise @ a for noise in noises])
             means, remaining = self.disparity_prior.posterior(points @ a, variances)
             for i, noise in enumerate(noises):
@@ -369,7 +369,7 @@ class DenseRobocentricFilter:
                 points[i] += gain * (means[i] - a @ points[i])
                 noise -= np.outer(gain, gain) * (variances[i] - remaining[i])
         for key, y, noise in zip(keys, points, noises, strict=True):
-            self.track_noise.begin(1)
+            self.track_noise.add(1)
             self.judged.append(key)
             self.place_of_key[key] = len(self.P)
             self.warped_places.append(len(self.P))
@@ -383,7 +383,7 @@ class DenseRobocentricFilter:
 
     def end(self, keys: list[int]) -> None:
         """Observe landmarks no more."""
-        self.track_noise.end(np.isin(np.array(self.judged, dtype=np.int64), keys))
+        self.track_noise.remove(np.isin(np.array(self.judged, dtype=np.int64), keys))
         self.judged = [key for key in self.judged if key not in keys]
         for key in keys:
             place = self.place_of_key[key]

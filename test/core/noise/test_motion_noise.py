@@ -27,7 +27,7 @@ def test_the_walk_of_each_axis_is_found_while_vision_sees_it(ratio: float, tau: 
         gain = variance_before / (variance_before + vision**2)
         mean = mean + gain * (u + vision * rng.standard_normal(6) - mean)
         variance = (1 - gain) * variance_before
-        noise.learn(mean - before, variance_before, variance, np.ones(6), tau)
+        noise.update(mean - before, variance_before, variance, np.ones(6), tau)
     assert_allclose(np.sqrt(noise.walk_variance), walk, rtol=0.2)
 
 
@@ -37,21 +37,21 @@ def test_motion_that_jerks_on_one_axis_is_not_taken_for_noise() -> None:
     for _ in range(400):
         twist = 0.01 * rng.standard_normal(6)
         twist[[2, 4]] += rng.standard_normal(2)
-        noise.hear(twist)
+        noise.add(twist)
     assert_allclose(np.sqrt(noise.twist_variance), 0.01, rtol=0.25)
 
 
 def test_a_twist_that_never_changes_keeps_some_room() -> None:
     noise = MotionNoise(TWIST, np.zeros(6))
     for _ in range(2000):
-        noise.learn(np.zeros(6), 0.1 * noise.walk_variance + 1e-12, np.zeros(6), np.ones(6), 0.1)
+        noise.update(np.zeros(6), 0.1 * noise.walk_variance + 1e-12, np.zeros(6), np.ones(6), 0.1)
     assert np.all(noise.walk_variance > 0)
 
 
 def test_a_twist_that_repeats_itself_keeps_some_noise() -> None:
     noise = MotionNoise(TWIST, WALK)
     for _ in range(400):
-        noise.hear(np.array([1.0, 0, 0, 0, 0, 0.1]))
+        noise.add(np.array([1.0, 0, 0, 0, 0, 0.1]))
     assert np.all(noise.twist_variance > 0)
 
 
@@ -60,10 +60,10 @@ def test_what_vision_sees_of_the_measured_twists_noise_counts_where_it_is_less()
     rng = np.random.default_rng(43)
     jerks = np.repeat([0.4, 0.04], 3)
     for _ in range(400):
-        noise.hear(jerks * rng.standard_normal(6))
+        noise.add(jerks * rng.standard_normal(6))
     for std, expected in ((0.1, 0.1), (10.0, 0.4)):
         for _ in range(3000):
             unexplained = np.repeat([std, 0.1 * std], 3) ** 2
-            noise.learn(np.zeros(6), WALK**2, 0.5 * WALK**2, unexplained, 0.1)
+            noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, unexplained, 0.1)
         levels = np.sqrt(noise.twist_variance)
         assert_allclose(levels, np.repeat([expected, 0.1 * expected], 3), rtol=0.15)

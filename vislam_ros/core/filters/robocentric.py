@@ -241,7 +241,7 @@ class RobocentricFilter:
         """
         tau, settings = increment.duration, self._settings
         measured = se3.log(increment.T) / tau
-        self._motion_noise.hear(measured)
+        self._motion_noise.add(measured)
         walk = np.zeros(_SMALL)
         walk[_TWIST] = tau * self._motion_noise.walk_variance
         walk[_BIAS] = tau * settings.gyro_bias_walk_std**2
@@ -275,7 +275,7 @@ class RobocentricFilter:
         P, H = self.covariance[:_SMALL, :_SMALL], self._H_twist[:6]
         change, variances = self.twist - before.mean, P.diagonal()[_TWIST]
         unexplained = self._twist_error(before.measured) ** 2 + np.sum((H @ P) * H, axis=1)
-        self._motion_noise.learn(change, before.variances, variances, unexplained, tau)
+        self._motion_noise.update(change, before.variances, variances, unexplained, tau)
 
     def _move(self, tau: float, Y: Array) -> Keys:
         """Move the body and warp every landmark; return the keys of those it has passed.
@@ -362,7 +362,7 @@ class RobocentricFilter:
         new, noise = residual[:, components], noise[:, components]
         r, variances, weighted = new.ravel(), noise.ravel(), believed.weighted
         cross = correct_directly(self.covariance, seen, rest, variances, believed.inverse)
-        self._track_noise.see(slots, residual, believed.inverse.diagonal(), weighted)
+        self._track_noise.update(slots, residual, believed.inverse.diagonal(), weighted)
         delta = np.empty(len(self.covariance))
         delta[seen] = r - variances * weighted
         delta[rest] = cross @ weighted
@@ -392,18 +392,18 @@ class RobocentricFilter:
         if not len(keys):
             return
         y = self._straight(pixels)
-        self._track_noise.start(self._observation.row_mismatch(pixels))
+        self._track_noise.initialize_level(self._observation.row_mismatch(pixels))
         noise = self._track_noise.of_new_tracks(y)
         # A track begun at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
         noise[copied, 1, 1] += stale[copied] ** 2
         if self._disparity_prior is not None:
-            y, noise = self._disparity_prior.applied(y, noise)
+            y, noise = self._disparity_prior.apply(y, noise)
         admission = Admission(noise)
         self.covariance, _ = admission.carry(self.covariance, _SMALL, self._scratch)
         if self._tape is not None:
             self._tape.record(admission)
-        self._track_noise.begin(len(keys))
+        self._track_noise.add(len(keys))
         self.keys = np.concatenate([self.keys, keys])
         self.image_points = np.concatenate([self.image_points, y])
 
@@ -429,7 +429,7 @@ class RobocentricFilter:
                 _scattered(positions.J_landmark, mapped),
             )
             self._tape.record(retirement)
-        self._track_noise.end(gone)
+        self._track_noise.remove(gone)
         kept = np.concatenate([np.arange(_SMALL), self._rows(np.flatnonzero(~gone)).ravel()])
         self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
         self.covariance = without(self.covariance, kept, self._scratch)

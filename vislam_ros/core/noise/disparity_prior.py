@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a drive's other landmarks tell of a new one's disparity.
+"""Prior of a new landmark's disparity, from the drive's other landmarks.
 
 A first observation scatters about the true disparity, and the scatter is not the same both ways:
 most points lie at some middle distance, so a disparity that is measured far from there is the
@@ -46,18 +46,18 @@ class DisparityPrior:
 
     def __init__(self) -> None:
         self._ring = np.empty(_MEMORY)
-        self._heard = 0
+        self._count = 0
         self._renewed = -_RENEWAL
         self._quartiles: Array = np.zeros(3)
 
-    def hear(self, disparities: Array) -> None:
+    def add(self, disparities: Array) -> None:
         """Learn from measured disparities (n,), pixels."""
-        places = (self._heard + np.arange(len(disparities))) % _MEMORY
+        places = (self._count + np.arange(len(disparities))) % _MEMORY
         self._ring[places] = disparities
-        self._heard += len(disparities)
-        if self._heard >= _ENOUGH and self._heard - self._renewed >= _RENEWAL:
-            self._renewed = self._heard
-            self._quartiles = np.quantile(self._ring[: self._heard], [0.25, 0.5, 0.75])
+        self._count += len(disparities)
+        if self._count >= _ENOUGH and self._count - self._renewed >= _RENEWAL:
+            self._renewed = self._count
+            self._quartiles = np.quantile(self._ring[: self._count], [0.25, 0.5, 0.75])
 
     def posterior(self, measured: Array, variance: Array) -> tuple[Array, Array]:
         """Mean and variance (n,) of disparities, given what was measured of them.
@@ -79,14 +79,14 @@ class DisparityPrior:
             return measured, variance
         return _posterior(measured, variance, middle, math.log(high / low) / _QUARTILES)
 
-    def applied(self, y: Array, noise: Array) -> tuple[Array, Array]:
-        """Image points (n, 3) and their covariances (n, 3, 3), given what the prior says.
+    def apply(self, y: Array, noise: Array) -> tuple[Array, Array]:
+        """Posterior of first image points (n, 3) with covariances (n, 3, 3).
 
         Learns from them first. What of an image point goes with its disparity ``u_left -
         u_right`` moves along.
         """
         measured = y[:, 0] - y[:, 1]
-        self.hear(measured)
+        self.add(measured)
         with_disparity = noise[:, :, 0] - noise[:, :, 1]
         variance = with_disparity[:, 0] - with_disparity[:, 1]
         mean, remaining = self.posterior(measured, variance)

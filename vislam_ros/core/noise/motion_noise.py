@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise levels of the motion, learned as the filter goes.
 
-Where vision has seen a step, the filter tells how much the twist has changed in it and how far the
+Where vision has seen a step, the filter knows how much the twist has changed in it and how far the
 measured twist was off: the expectation-maximisation step of Shumway and Stoffer (*An approach to
 time series smoothing and forecasting using the EM algorithm*, 1982), with filtered moments in
 place of smoothed ones and a mean that forgets. On each axis, for the random step ``u = u_before +
@@ -41,9 +41,9 @@ class MotionNoise:
     Parameters
     ----------
     twist_std : ndarray, (6,)
-        White noise of a sample to believe at first, metres and radians a second.
+        Prior of a sample's white noise, metres and radians a second.
     walk_std : ndarray, (6,)
-        Random walk to believe at first, the same a root of a second.
+        Prior of the random walk, the same a root of a second.
 
     Attributes
     ----------
@@ -57,8 +57,8 @@ class MotionNoise:
         self._unexplained: Array = np.zeros(6)
         self.walk_variance: Array = np.square(walk_std)
 
-    def hear(self, twist: Array) -> None:
-        """Take a measured twist (6,)."""
+    def add(self, twist: Array) -> None:
+        """Add a measured twist (6,)."""
         self._differences.add(twist)
 
     @property
@@ -81,7 +81,7 @@ class MotionNoise:
             levels += 3 * [max(level, smallest**2)]
         return np.array(levels)
 
-    def learn(
+    def update(
         self, change: Array, before: Array, after: Array, unexplained: Array, tau: float
     ) -> None:
         """Learn from a step in which vision has seen the motion.

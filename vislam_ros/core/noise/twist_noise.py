@@ -46,12 +46,12 @@ def white_noise_levels(twists: Array) -> tuple[float, float]:
 class TwistNoise:
     """Running estimate of the standard deviation of each axis (6,) of a twist.
 
-    It looks at samples already heard only, so it is the same live and offline.
+    It looks at past samples only, so it is the same live and offline.
 
     Parameters
     ----------
     prior : ndarray, (6,)
-        What to believe before there are samples.
+        Standard deviations before there are samples.
 
     Attributes
     ----------
@@ -64,21 +64,21 @@ class TwistNoise:
         self._samples: deque[Array] = deque(maxlen=4)
         # A ring of absolute third differences.
         self._differences = np.empty((_WINDOW, 6))
-        self._heard = 0
+        self._count = 0
         self.std: Array = prior
 
     def add(self, twist: Array) -> None:
-        """Hear a sample (6,)."""
+        """Add a sample (6,)."""
         self._samples.append(twist)
         if len(self._samples) == 4:
             a, b, c, d = self._samples
-            self._differences[self._heard % _WINDOW] = np.abs(d - 3 * c + 3 * b - a)
-            self._heard += 1
-            if self._heard < _OFTEN or self._heard % _RENEWAL == 0:
+            self._differences[self._count % _WINDOW] = np.abs(d - 3 * c + 3 * b - a)
+            self._count += 1
+            if self._count < _OFTEN or self._count % _RENEWAL == 0:
                 self.std = self._measured()
 
     def _measured(self) -> Array:
-        count = min(self._heard, _WINDOW)
+        count = min(self._count, _WINDOW)
         measured = white_noise_std(self._differences[:count])
         # The prior fades fast, for it may be a hundredfold off.
         weight = _PRIOR_WEIGHT / max(1.0, (count / 5) ** 2)
