@@ -20,6 +20,7 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
 from vislam_ros.core.settings import SlamSettings
@@ -144,13 +145,16 @@ class DenseRobocentricFilter:
         self.exchange = exchange
         self.clone_poses = clone_poses
         self.told_V: Array = np.diag(settings.pixel_variance)
+        self.frame_rate = FrameRate()
         self.motion_noise = MotionNoise(
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
+            self.frame_rate,
         )
         self.track_noise = TrackNoise(
             np.diag(self.image_point_noise(1.0)).copy(),
             settings.disparity_offset_std,
+            self.frame_rate,
             learns=settings.learn_noise,
         )
         self.disparity_prior = DisparityPrior()
@@ -184,6 +188,7 @@ class DenseRobocentricFilter:
         self.end([key for key in frame.ended.tolist() if key in self.place_of_key])
         tau = increment.duration
         if tau > 0:
+            self.frame_rate.add(tau)
             twist, variances = self.measure_twist(se3.log(increment.T) / tau, tau)
             self.move(tau)
         keys = frame.keys.tolist()

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.track_noise import TrackNoise
 
 Array = NDArray[np.float64]
@@ -14,7 +15,7 @@ TRACKS, LENGTH = 60, 12
 
 
 def track_noise(offset_std: float = 0.5) -> TrackNoise:
-    return TrackNoise(PRIOR, offset_std, learns=True)
+    return TrackNoise(PRIOR, offset_std, FrameRate(), learns=True)
 
 
 def update(noise: TrackNoise, residual: Array, state: float = 0.0) -> None:
@@ -92,7 +93,7 @@ def test_errors_that_stay_are_offsets_and_leave_the_right_pixel_out() -> None:
 
 
 def test_where_no_offset_is_looked_for_there_is_none() -> None:
-    noise = TrackNoise(PRIOR, 0.0, learns=True)
+    noise = TrackNoise(PRIOR, 0.0, FrameRate(), learns=True)
     noise.add(TRACKS)
     error = np.random.default_rng(53).standard_normal((TRACKS, 3))
     for _ in range(50):
@@ -139,7 +140,7 @@ def test_the_level_is_found_as_fast_where_innovations_are_mostly_of_the_state(
 
 
 def test_noise_that_is_held_stays_at_its_prior() -> None:
-    noise = TrackNoise(PRIOR, 0.5, learns=False)
+    noise = TrackNoise(PRIOR, 0.5, FrameRate(), learns=False)
     noise.initialize_level(np.linspace(-9.0, 9.0, 100))
     noise.add(TRACKS)
     for _ in range(50):
@@ -169,3 +170,13 @@ def test_no_noise_and_wild_noise_keep_a_level_within_bounds() -> None:
             update(noise, np.full((8, 3), size))
             noise.remove(np.ones(8, dtype=bool))
         assert_allclose(noise.level, bound, rtol=1e-9)
+
+
+def test_the_level_follows_within_half_a_minute_at_any_rate(rate: FrameRate) -> None:
+    noise = TrackNoise(PRIOR, 0.0, rate, learns=True)
+    for seconds, square in ((60, 1.0), (30, 1.1)):
+        for _ in range(seconds * rate.hertz):
+            noise.add(8)
+            update(noise, np.tile(np.sqrt(square * PRIOR), (8, 1)))
+            noise.remove(np.ones(8, dtype=bool))
+    assert_allclose(noise.level - 1.0, 0.1 * (1 - np.exp(-1)), rtol=0.03)

@@ -57,6 +57,7 @@ from vislam_ros.core.linalg.linear_update import (
 )
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
 from vislam_ros.core.settings import SlamSettings
@@ -141,13 +142,16 @@ class RobocentricFilter:
         self._camera = camera
         self._tape = tape
         self._observation = StereoObservation(camera, settings.pixel_variance)
+        self._frame_rate = FrameRate()
         self._motion_noise = MotionNoise(
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
+            self._frame_rate,
         )
         self._track_noise = TrackNoise(
             np.diag(self._observation.image_point_noise).copy(),
             settings.disparity_offset_std,
+            self._frame_rate,
             learns=settings.learn_noise,
         )
         self._disparity_prior = DisparityPrior() if settings.disparity_prior else None
@@ -198,6 +202,7 @@ class RobocentricFilter:
         passed = np.empty(0, dtype=np.int64)
         moved = increment.duration > _SHORTEST_STEP
         if moved:
+            self._frame_rate.add(increment.duration)
             before, Y = self._measure_twist(increment)
             passed = self._move(increment.duration, Y)
         slots = slots_of(frame.keys, self.keys)

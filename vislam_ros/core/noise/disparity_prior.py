@@ -22,11 +22,13 @@ from vislam_ros.core.compiled import compiled
 
 Array = NDArray[np.float64]
 
-# A minute or so of new landmarks; the quartiles are taken anew after every so many.
+# Counted in landmarks, for each has one first observation at any frame rate: the memory, in which
+# quartiles are good to 3 % of the spread, and what there must be before there is a prior. On the
+# drives 2000 come in a minute or so.
 _MEMORY = 2000
-_RENEWAL = 50
-# Landmarks before there is a prior.
 _ENOUGH = 100
+# To save time: the quartiles are taken anew after every so many.
+_RENEWAL = 50
 # Share of points at infinity. On the drives a hundredth has no positive disparity.
 _AT_INFINITY = 0.02
 # The lower quartile must exceed the noise by so much for its logarithm to mean something.

@@ -20,14 +20,16 @@ back only, so the levels are the same live and offline.
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.twist_noise import TwistNoise
 
 Array = NDArray[np.float64]
 
-# Half a minute at 10 Hz; the prior of the walk counts as the first few steps.
-_MEMORY = 300
+# Memory of what vision has seen of the motion [s].
+_MEMORY = 30.0
+# Evidence, which comes by the step at any rate: the prior of the walk counts as the first few
+# steps, and so many must have been seen before they bound the measured twist's noise.
 _PRIOR_STEPS = 5
-# Steps seen before what they tell of the measured twist counts.
 _ENOUGH_STEPS = 50
 # A twist that repeats itself to the last digit is still no better than this [m/s, rad/s].
 _SMALLEST_NOISE = (1e-5, 1e-6)
@@ -44,6 +46,8 @@ class MotionNoise:
         Prior of a sample's white noise, metres and radians a second.
     walk_std : ndarray, (6,)
         Prior of the random walk, the same a root of a second.
+    rate : FrameRate
+        Of the steps, kept up to date by the filter.
 
     Attributes
     ----------
@@ -51,8 +55,9 @@ class MotionNoise:
         Variance of the twist's change in a second on each axis.
     """
 
-    def __init__(self, twist_std: Array, walk_std: Array):
-        self._differences = TwistNoise(twist_std)
+    def __init__(self, twist_std: Array, walk_std: Array, rate: FrameRate):
+        self._rate = rate
+        self._differences = TwistNoise(twist_std, rate)
         self._learned = 0
         self._unexplained: Array = np.zeros(6)
         self.walk_variance: Array = np.square(walk_std)
@@ -101,7 +106,8 @@ class MotionNoise:
         gain = Q / before
         variance = ((gain * change) ** 2 + Q - gain**2 * (before - after)) / tau
         self._learned += 1
-        self._unexplained += (unexplained - self._unexplained) / min(self._learned, _MEMORY)
-        share = 1.0 / min(self._learned + _PRIOR_STEPS, _MEMORY)
+        memory = self._rate.frames(_MEMORY)
+        self._unexplained += (unexplained - self._unexplained) / min(self._learned, memory)
+        share = 1.0 / min(self._learned + _PRIOR_STEPS, memory)
         learned = self.walk_variance + share * (variance - self.walk_variance)
         self.walk_variance = np.maximum(learned, _SMALLEST_WALK**2)

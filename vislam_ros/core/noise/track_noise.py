@@ -36,12 +36,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.twist_noise import MEDIAN_TO_STD
 
 Array = NDArray[np.float64]
 
-# Half a minute at 10 Hz; the prior of the level counts as the first few frames.
-_MEMORY = 300
+# Memory of the level [s], and the evidence that its prior counts as: so many frames, each as good
+# as the next at any rate.
+_MEMORY = 30.0
 _PRIOR_FRAMES = 25
 # First tracks whose rows tell where to begin.
 _ENOUGH_ROWS = 20
@@ -77,6 +79,8 @@ class TrackNoise:
     offset_std : float
         Standard deviation of the offset that a track's disparity keeps, where a drive has one,
         pixels; 0 where none is looked for.
+    rate : FrameRate
+        Of the frames, kept up to date by the filter.
     learns : bool
         Whether it learns, or the variances are held.
 
@@ -86,7 +90,8 @@ class TrackNoise:
         Scale of the variances for all tracks.
     """
 
-    def __init__(self, variances: Array, offset_std: float, *, learns: bool):
+    def __init__(self, variances: Array, offset_std: float, rate: FrameRate, *, learns: bool):
+        self._rate = rate
         self._variances = variances
         self._offset_variance = offset_std**2
         self._learns = learns
@@ -182,7 +187,7 @@ class TrackNoise:
 
         self._frames += 1
         excess = float(weighted @ residual[:, used].ravel()) - len(weighted)
-        frames = min(self._frames + _PRIOR_FRAMES, _MEMORY)
+        frames = min(self._frames + _PRIOR_FRAMES, self._rate.frames(_MEMORY))
         change = excess / (frames * float(np.sum(from_noise)))
         change = min(max(change, -_LARGEST_CHANGE), _LARGEST_CHANGE)
         self.level = math.exp(min(max(math.log(self.level) + change, -_LIMIT), _LIMIT))

@@ -7,6 +7,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.noise.frame_rate import FrameRate
+
 Array = NDArray[np.float64]
 
 # A third difference of white noise has 1 + 9 + 9 + 1 = 20 times its variance, while the motion of
@@ -14,11 +16,11 @@ Array = NDArray[np.float64]
 _VARIANCE_RATIO = 20.0
 #: Median of the absolute value of a standard normal variable, inverted.
 MEDIAN_TO_STD = 1.4826
-# Samples remembered: half a minute at 10 Hz, enough for a median that is good to 5 %.
-_WINDOW = 300
-# The median is taken anew at every sample at first, and then at every tenth.
+# Memory [s]; at 10 Hz enough for a median that is good to 5 %.
+_MEMORY = 30.0
+# To save time: the median is taken anew at every sample at first, and then at every tenth.
 _OFTEN, _RENEWAL = 50, 10
-# The prior counts as this many third differences.
+# Evidence, which comes by the sample at any rate: the prior counts as this many third differences.
 _PRIOR_WEIGHT = 10
 
 
@@ -52,6 +54,8 @@ class TwistNoise:
     ----------
     prior : ndarray, (6,)
         Standard deviations before there are samples.
+    rate : FrameRate
+        Of the samples, kept up to date by the filter.
 
     Attributes
     ----------
@@ -59,12 +63,13 @@ class TwistNoise:
         Standard deviations, metres and radians a second.
     """
 
-    def __init__(self, prior: Array):
+    def __init__(self, prior: Array, rate: FrameRate):
         self._prior = prior
+        self._rate = rate
         self._samples: deque[Array] = deque(maxlen=4)
-        # A ring of absolute third differences.
-        self._differences = np.empty((_WINDOW, 6))
-        self._count = 0
+        # Absolute third differences, the latest last.
+        self._differences: deque[Array] = deque()
+        self._added = 0
         self.std: Array = prior
 
     def add(self, twist: Array) -> None:
@@ -72,14 +77,16 @@ class TwistNoise:
         self._samples.append(twist)
         if len(self._samples) == 4:
             a, b, c, d = self._samples
-            self._differences[self._count % _WINDOW] = np.abs(d - 3 * c + 3 * b - a)
-            self._count += 1
-            if self._count < _OFTEN or self._count % _RENEWAL == 0:
+            self._differences.append(np.abs(d - 3 * c + 3 * b - a))
+            while len(self._differences) > self._rate.frames(_MEMORY):
+                self._differences.popleft()
+            self._added += 1
+            if self._added < _OFTEN or self._added % _RENEWAL == 0:
                 self.std = self._measured()
 
     def _measured(self) -> Array:
-        count = min(self._count, _WINDOW)
-        measured = white_noise_std(self._differences[:count])
+        count = len(self._differences)
+        measured = white_noise_std(np.array(self._differences))
         # The prior fades fast, for it may be a hundredfold off.
         weight = _PRIOR_WEIGHT / max(1.0, (count / 5) ** 2)
         variance = (weight * self._prior**2 + count * measured**2) / (weight + count)
