@@ -35,6 +35,8 @@ _AT_INFINITY = 0.02
 _LEAST_QUARTILE = 1.5
 # What lies farther off from its posterior mean than this does not come from the prior [std].
 _FARTHEST = 3.0
+# A posterior keeps at least this share of the measured variance: the prior is only a fit.
+_LEAST_VARIANCE = 0.1
 # Distance of the quartiles of a standard normal variable.
 _QUARTILES = 1.349
 # About a measurement, in its standard deviations.
@@ -127,6 +129,6 @@ def _posterior(
             shift, square = shift / total, square / total
             if abs(shift) < _FARTHEST * std:
                 mean[i] = y + shift
-                left = max(square - shift * shift, 0.1 * variance[i])
+                left = max(square - shift * shift, _LEAST_VARIANCE * variance[i])
                 remaining[i] = min(left, variance[i])
     return mean, remaining

@@ -53,6 +53,9 @@ _LARGEST_CHANGE = 0.3
 _LIMIT = math.log(1e4)
 # The prior of a track's own scale counts as this many numbers observed.
 _PRIOR_NUMBERS = 6.0
+# A disparity's error stays where it changes by less than this share of itself; see above for the
+# shares of errors that do.
+_STAYS = 0.5
 # Of the share of disparity errors that stay: its start, just short of proof, the number of errors
 # that it counts for and those remembered at most, and where offsets are taken for proven.
 _FIRST_SHARE = 0.34
@@ -209,6 +212,6 @@ class TrackNoise:
         compared = np.isfinite(last)
         count = int(np.count_nonzero(compared))
         if count:
-            staying = np.count_nonzero(np.abs(error - last) < 0.5 * np.abs(last))
+            staying = np.count_nonzero(np.abs(error - last) < _STAYS * np.abs(last))
             self._errors = min(self._errors + count, _ERRORS_REMEMBERED)
             self._staying += (staying - count * self._staying) / self._errors

@@ -20,8 +20,9 @@ MEDIAN_TO_STD = 1.4826
 _MEMORY = 30.0
 # To save time: the median is taken anew at every sample at first, and then at every tenth.
 _OFTEN, _RENEWAL = 50, 10
-# Evidence, which comes by the sample at any rate: the prior counts as this many third differences.
-_PRIOR_WEIGHT = 10
+# Evidence, which comes by the sample at any rate: the prior counts as this many third differences
+# at first, and fades by the square of their number from so many on: it may be a hundredfold off.
+_PRIOR_WEIGHT, _PRIOR_FADES = 10, 5
 
 
 def white_noise_std(third_differences: Array) -> Array:
@@ -87,7 +88,6 @@ class TwistNoise:
     def _measured(self) -> Array:
         count = len(self._differences)
         measured = white_noise_std(np.array(self._differences))
-        # The prior fades fast, for it may be a hundredfold off.
-        weight = _PRIOR_WEIGHT / max(1.0, (count / 5) ** 2)
+        weight = _PRIOR_WEIGHT / max(1.0, (count / _PRIOR_FADES) ** 2)
         variance = (weight * self._prior**2 + count * measured**2) / (weight + count)
         return np.sqrt(variance)
