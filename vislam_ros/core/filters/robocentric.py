@@ -80,6 +80,7 @@ from vislam_ros.core.geometry.warp import warp
 from vislam_ros.core.linalg.gating import Inliers, deletion_gate, passes_gates
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
 from vislam_ros.core.operations.direct_correction import DirectCorrection
@@ -128,13 +129,16 @@ class RobocentricFilter:
         self._settings = settings
         self._camera = camera
         self._observation = StereoObservation(camera, settings.pixel_variance)
+        self._frame_rate = FrameRate()
         self._motion_noise = MotionNoise(
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
+            self._frame_rate,
         )
         self._track_noise = TrackNoise(
             np.diag(self._observation.image_point_noise).copy(),
             settings.disparity_offset_std,
+            self._frame_rate,
             learns=settings.learn_noise,
         )
         self._disparity_prior = DisparityPrior() if settings.disparity_prior else None
@@ -180,6 +184,7 @@ class RobocentricFilter:
         self._marginalize(is_member(self.keys, frame.ended))
         moved = tau > _SHORTEST_STEP
         if moved:
+            self._frame_rate.add(tau)
             measured = se3.log(increment.T) / tau
             before = self._walk(tau)
             self._measure_twist(measured, tau)
@@ -220,7 +225,7 @@ class RobocentricFilter:
         self._marginalized.add(keys[mapped], points.of(mapped))
         positions = partial(positions_of_all, self._camera, points, mapped)
         self._state.apply(Marginalization(keys, gone, positions))
-        self._track_noise.end(gone)
+        self._track_noise.remove(gone)
         self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
 
     def _walk(self, tau: float) -> tuple[Array, Array]:
@@ -231,7 +236,7 @@ class RobocentricFilter:
 
     def _measure_twist(self, measured: Array, tau: float) -> None:
         """Correct by the prediction's mean twist (6,) over tau seconds."""
-        self._motion_noise.hear(measured)
+        self._motion_noise.add(measured)
         noise = self._motion_noise.twist_variance
         error = self._twist_error(measured)
         correction = self._twist_measurement.correction(error, noise, self.twist, tau)
@@ -281,7 +286,7 @@ class RobocentricFilter:
         corrected = self._state.apply(
             DirectCorrection(residual[:, used], noise[:, used], slots, used, inliers)
         )
-        self._track_noise.see(slots, residual, inliers.inverse.diagonal(), inliers.weighted)
+        self._track_noise.update(slots, residual, inliers.inverse.diagonal(), inliers.weighted)
         self._shift(corrected.delta)
         dof = len(inliers.weighted)
         return Outcome(len(slots), rejected=rejected, nis=corrected.nis, nis_dof=dof)
@@ -308,22 +313,22 @@ class RobocentricFilter:
         P, H = self._state.vehicle_covariance, self._twist_measurement.H[:6]
         change, variances = self.twist - twist_before, P.diagonal()[TWIST]
         unexplained = self._twist_error(measured) ** 2 + np.sum((H @ P) * H, axis=1)
-        self._motion_noise.learn(change, variances_before, variances, unexplained, tau)
+        self._motion_noise.update(change, variances_before, variances, unexplained, tau)
 
     def _initialize(self, keys: Keys, pixels: Array, copied: NDArray[np.bool_]) -> None:
         """Add landmarks at their first observation."""
         if not len(keys):
             return
         y = self._straight(pixels)
-        self._track_noise.start(self._observation.row_mismatch(pixels))
+        self._track_noise.initialize_level(self._observation.row_mismatch(pixels))
         noise = self._track_noise.of_new_tracks(y)
         # A track that begins at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
         noise[copied, 1, 1] += stale[copied] ** 2
         if self._disparity_prior is not None:
-            y, noise = self._disparity_prior.applied(y, noise)
+            y, noise = self._disparity_prior.apply(y, noise)
         self._state.apply(Initialization(noise))
-        self._track_noise.begin(len(keys))
+        self._track_noise.add(len(keys))
         self.keys = np.concatenate([self.keys, keys])
         self.image_points = np.concatenate([self.image_points, y])
 
