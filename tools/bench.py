@@ -41,8 +41,7 @@ from benchmark.report_table import print_report
 
 from vislam_ros.cli.exit_codes import FAILED, OK
 from vislam_ros.cli.parameters import RunParameters, run_parameters
-from vislam_ros.core.settings import ESTIMATORS
-from vislam_ros.core.slam import SMOOTHABLE
+from vislam_ros.core.filters.registry import estimator_named, estimator_names
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
 from vislam_ros.data.loading import load_drive
@@ -154,7 +153,7 @@ def _measure_drive(
         drive = load_drive(data)
         reference = read_tum(reference_path) if reference_path else None
         report["data"] = drive.name
-        smoothable = parameters.slam.estimator in SMOOTHABLE
+        smoothable = estimator_named(parameters.slam.estimator).smoothable
         if not smoothable and set("dg") & set(arguments.only):
             report["notes"].append(
                 f"{parameters.slam.estimator} cannot be smoothed: what needs it is left out"
@@ -257,7 +256,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--seeds", type=int, default=20, metavar="N", help="drives of each kind, for f and h (20)")
     add("--params", type=Path, metavar="FILE", help="ROS parameter file (config/ekf.yaml)")
-    add("--estimator", choices=ESTIMATORS)
+    add("--estimator", choices=estimator_names())
     add("--out", type=Path, default=Path("bench.json"), metavar="FILE", help="(bench.json)")
     add("--force", action="store_true", help="replace FILE")
     parser.set_defaults(fraction=None, seed=None, map=None)

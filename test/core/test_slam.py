@@ -10,8 +10,9 @@ from numerics import CAMERA
 from numpy.testing import assert_allclose
 from scenes import passing_scene
 
+from vislam_ros.core.filters.registry import estimator_names, slam_settings
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.settings import ESTIMATORS, SlamSettings
+from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.errors import SettingsError
 
@@ -34,7 +35,7 @@ PREDICTIONS, FEATURES = messages()
 
 
 def session(**values):
-    slam = Slam(SlamSettings(**values))
+    slam = Slam(slam_settings(values))
     slam.set_camera(CAMERA)
     return slam
 
@@ -66,7 +67,7 @@ def test_each_features_message_gives_one_step_with_its_stamp():
     assert [step.first_of_pass for step in EXPECTED] == [True] + [False] * 11
 
 
-@pytest.mark.parametrize("estimator", [e for e in ESTIMATORS if e != "localization"])
+@pytest.mark.parametrize("estimator", [e for e in estimator_names() if e != "localization"])
 def test_every_estimator_runs(estimator):
     steps = play(session(estimator=estimator))
     assert len(steps) == len(FEATURES)
@@ -76,7 +77,7 @@ def test_every_estimator_runs(estimator):
 def test_each_step_tells_the_gyro_bias_as_it_stood_where_the_estimator_has_one():
     stds = np.array([step.gyro_bias_std for step in EXPECTED])
     assert stds.shape == (len(FEATURES), 3)
-    assert_allclose(stds[0], SlamSettings().gyro_bias_std)
+    assert_allclose(stds[0], slam_settings({}).gyro_bias_std)
     assert np.all(stds[-1] < stds[0])
     assert len({step.gyro_bias.tobytes() for step in EXPECTED}) > 1
     for step in play(session(estimator="joint")):

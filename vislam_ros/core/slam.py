@@ -8,19 +8,13 @@ and values alone, never on when a message happened to arrive.
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vislam_ros.core.filters.block_diagonal import BlockDiagonalFilter
-from vislam_ros.core.filters.dead_reckoning import DeadReckoningEstimator
 from vislam_ros.core.filters.estimator import Estimator, Outcome
-from vislam_ros.core.filters.joint import JointFilter
-from vislam_ros.core.filters.localization import LocalizationFilter
-from vislam_ros.core.filters.mapping import MappingFilter
-from vislam_ros.core.filters.robocentric import RobocentricFilter
+from vislam_ros.core.filters.registry import Surroundings, completed, estimator_named
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
@@ -35,23 +29,6 @@ from vislam_ros.core.tracking.tracks import Tracks
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
-
-# Sizes of the small part of the error state, of the estimators that record what they do.
-_SMALL_SIZES = {
-    "robocentric": RobocentricFilter.SMALL_SIZE,
-    "joint": JointFilter.SMALL_SIZE,
-}
-
-SMOOTHABLE = tuple(_SMALL_SIZES)
-"""Estimators that can be smoothed."""
-
-
-def require_smoothable(settings: SlamSettings) -> None:
-    """Raise a SettingsError where the estimator cannot be smoothed."""
-    if settings.estimator not in SMOOTHABLE:
-        raise SettingsError(
-            f"estimator: {settings.estimator!r} cannot be smoothed; use {' or '.join(SMOOTHABLE)}"
-        )
 
 
 @dataclass(frozen=True)
@@ -122,9 +99,10 @@ class Slam:
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : SlamSettings, optional
+        Of the chosen estimator; of its own ones, the defaults where they are not among these.
     given_map : LandmarkMap, optional
-        The map of the estimator ``localization``.
+        The map of an estimator that needs one; the others do not look at it.
     record : bool, optional
         Whether to record what :meth:`smoothed` needs: some 15 (``joint``) or 50 kB a step.
 
@@ -146,17 +124,21 @@ class Slam:
 
     def __init__(
         self,
-        settings: SlamSettings,
+        settings: SlamSettings | None = None,
         given_map: LandmarkMap | None = None,
         *,
         record: bool = False,
     ):
+        settings = completed(settings or SlamSettings())
+        self._registration = estimator_named(settings.estimator)
         if record:
-            require_smoothable(settings)
-        if settings.estimator == "localization" and given_map is None:
-            raise SettingsError("estimator: 'localization' needs a map; set map_file to one")
+            self._registration.require_smoothable()
+        if self._registration.needs_map and given_map is None:
+            raise SettingsError(
+                f"estimator: {settings.estimator!r} needs a map; set map_file to one"
+            )
         self._settings = settings
-        self._given_map = given_map
+        self._given_map = given_map if self._registration.needs_map else None
         self._record = record
         self._camera: StereoCamera | None = None
         self.refused: Counter[str] = Counter()
@@ -181,7 +163,8 @@ class Slam:
         settings = self._settings
         self._pass = pass_number
         self._estimator: Estimator | None = None
-        self._tape = Tape(_SMALL_SIZES[settings.estimator]) if self._record else None
+        size = self._registration.vehicle_size
+        self._tape = Tape(size) if self._record and size is not None else None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
         self._tracks = Tracks(
@@ -400,20 +383,11 @@ class Slam:
         )
 
     def _new_estimator(self, camera: StereoCamera) -> Estimator:
-        settings = self._settings
-        makers: dict[str, Callable[[], Estimator]] = {
-            "robocentric": lambda: RobocentricFilter(settings, camera, self._tape),
-            "joint": lambda: JointFilter(settings, camera, self._tape),
-            "block_diagonal": lambda: BlockDiagonalFilter(settings, camera),
-            "mapping": lambda: MappingFilter(settings, camera),
-            "dead_reckoning": lambda: DeadReckoningEstimator(settings),
-        }
-        if self._given_map is not None and settings.estimator == "localization":
-            tracks = self._tracks
-            return LocalizationFilter(
-                settings, camera, self._given_map, lambda keys: tracks.identity(keys)[0]
-            )
-        return makers[settings.estimator]()
+        tracks = self._tracks
+        given = Surroundings(
+            camera, self._tape, self._given_map, lambda keys: tracks.identity(keys)[0]
+        )
+        return self._registration.make(self._settings, given)
 
     def _motion_expected(self, camera: StereoCamera, increment: Increment) -> bool:
         """Tell whether the predicted motion moves the last frame's pixels noticeably."""

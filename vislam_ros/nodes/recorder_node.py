@@ -22,7 +22,6 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.bags.layout import LATCHED_QOS, STREAM_QOS, Topic
 from vislam_ros.data.results.recording import Pose, Raw, Recording
 from vislam_ros.errors import SettingsError
@@ -30,18 +29,9 @@ from vislam_ros.nodes import conversions
 from vislam_ros.nodes.conversions import MessageError
 from vislam_ros.nodes.diagnostics import Monitor
 from vislam_ros.nodes.parameter_query import ParameterQuery
-from vislam_ros.nodes.parameters import (
-    declare_settings,
-    setting_names,
-    warn_of_undeclared_overrides,
-)
+from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
 from vislam_ros.nodes.qos import LATCHED, STREAM
-from vislam_ros.nodes.settings import (
-    PredictionNodeSettings,
-    RecorderSettings,
-    SlamNodeSettings,
-    SlamOutputSettings,
-)
+from vislam_ros.nodes.settings import RecorderSettings
 from vislam_ros.nodes.slam_report import gyro_bias_from_values, statistics_from_values
 from vislam_ros.nodes.spin import run
 from vislam_ros.nodes.stamp_pairs import StampPairs
@@ -60,11 +50,8 @@ GRACE_SECONDS = 5.0
 ANSWER_SECONDS = 5.0
 """How long it waits for the nodes' parameters, and for the map where nobody offers one."""
 
-QUERIED = {
-    "imu_prediction_node": setting_names(PredictionNodeSettings, PredictionSettings),
-    "slam_node": setting_names(SlamNodeSettings, SlamOutputSettings, SlamSettings),
-}
-"""Parameters that go into ``params.yaml``, by node."""
+QUERIED = ("imu_prediction_node", "slam_node")
+"""Nodes whose parameters go into ``params.yaml``."""
 
 _TICK_SECONDS = 0.2
 

@@ -17,17 +17,18 @@ from nav_msgs.msg import Path as PathMessage
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
+from vislam_ros.core.filters.registry import estimator_named
+from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.slam import SMOOTHABLE, Slam, SlamStep
+from vislam_ros.core.slam import Slam, SlamStep
 from vislam_ros.data.bags import layout
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor
-from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
+from vislam_ros.nodes.parameters import declare_settings, declare_slam_settings
 from vislam_ros.nodes.qos import LATCHED
 from vislam_ros.nodes.settings import SlamNodeSettings, SlamOutputSettings
 from vislam_ros.nodes.slam_report import SlamReport, step_values
@@ -42,12 +43,12 @@ class SlamNode(Node):
         super().__init__("slam_node", **options)
         self._settings = declare_settings(self, SlamNodeSettings)
         self._output = declare_settings(self, SlamOutputSettings, self._change_output)
-        slam_settings = declare_settings(self, SlamSettings)
-        warn_of_undeclared_overrides(self)
+        slam_settings = declare_slam_settings(self)
         given_map = None
-        if slam_settings.estimator == "localization" and self._settings.map_file:
-            given_map = read_landmarks(Path(self._settings.map_file))
-        record = self._settings.exact_map and slam_settings.estimator in SMOOTHABLE
+        if isinstance(slam_settings, GivenMapSettings) and slam_settings.map_file:
+            given_map = read_landmarks(Path(slam_settings.map_file))
+        smoothable = estimator_named(slam_settings.estimator).smoothable
+        record = self._settings.exact_map and smoothable
         self.core = Slam(slam_settings, given_map, record=record)
         self._calibration: dict[str, Any] = {}
         self._camera: StereoCamera | None = None

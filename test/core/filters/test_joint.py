@@ -7,8 +7,7 @@ import pytest
 from dense_reference import DenseJointFilter
 from tracked_drive import run, trying_drive
 
-from vislam_ros.core.filters.joint import JointFilter
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.filters.joint import JointFilter, JointSettings
 from vislam_ros.data.drive import Drive
 
 
@@ -23,7 +22,7 @@ def drive() -> Drive:
 def test_pose_and_active_landmarks_are_the_dense_filters(
     drive: Drive, initialization: str, pixel_variance: tuple[float, ...], chi2_gate: float
 ) -> None:
-    settings = SlamSettings(
+    settings = JointSettings(
         landmark_initialization=initialization,
         pixel_variance=pixel_variance,
         chi2_gate=chi2_gate,

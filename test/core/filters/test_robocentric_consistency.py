@@ -7,8 +7,8 @@ import pytest
 from tracked_drive import run
 
 from vislam_ros.core.filters.robocentric import RobocentricFilter
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 
 SEEDS = range(10)
@@ -31,7 +31,7 @@ def test_pose_and_bias_errors_fit_their_covariance(frozen_share):
                 steps=80, landmarks=400, outlier_share=0.0, frozen_share=frozen_share, seed=seed
             )
         )
-        settings = SlamSettings()
+        settings = RobocentricSettings()
         estimator = RobocentricFilter(settings, simulated.drive.camera)
         for k, (_, _, outcome) in enumerate(run(estimator, simulated.drive, settings)):
             nis, dof = nis + outcome.nis, dof + outcome.nis_dof
@@ -65,8 +65,8 @@ def test_errors_that_disparities_keep_are_known_for_what_they_are():
                 seed=seed,
             )
         )
-        known.append(nees_at_the_end(simulated, SlamSettings()))
-        unknown.append(nees_at_the_end(simulated, SlamSettings(disparity_offset_std=0.0)))
+        known.append(nees_at_the_end(simulated, RobocentricSettings()))
+        unknown.append(nees_at_the_end(simulated, RobocentricSettings(disparity_offset_std=0.0)))
     # It is told twenty times the noise, and takes its time to find that out.
     assert 0.15 < np.mean(known) < 1.4
     assert np.mean(unknown) > 2 * np.mean(known)

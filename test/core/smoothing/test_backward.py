@@ -8,10 +8,9 @@ from dense_reference import DenseJointFilter
 from numpy.typing import NDArray
 from tracked_drive import gappy_drive, run, trying_drive
 
-from vislam_ros.core.filters.joint import JointFilter
+from vislam_ros.core.filters.joint import JointFilter, JointSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.linalg.linear_update import Scratch
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothing import tape
 from vislam_ros.core.smoothing.backward import Smoothed, smooth
 from vislam_ros.core.smoothing.error_operations import (
@@ -36,7 +35,7 @@ def drive() -> Drive:
     return trying_drive(steps=40, landmarks=240, seed=5)
 
 
-def settings_of(**changes: object) -> SlamSettings:
+def settings_of(**changes: object) -> JointSettings:
     settings = {
         "min_disparity": 6.0,
         "retire_after": 2,
@@ -45,10 +44,10 @@ def settings_of(**changes: object) -> SlamSettings:
         "prior_pose_variance": 1e-4,
         **changes,
     }
-    return SlamSettings(**settings)  # type: ignore[arg-type]
+    return JointSettings(**settings)  # type: ignore[arg-type]
 
 
-def record(drive: Drive, settings: SlamSettings) -> tuple[JointFilter, Tape]:
+def record(drive: Drive, settings: JointSettings) -> tuple[JointFilter, Tape]:
     recorded = Tape(JointFilter.SMALL_SIZE)
     filter_ = JointFilter(settings, drive.camera, recorded)
     for _ in run(filter_, drive, settings):

@@ -7,11 +7,12 @@ import dataclasses
 import time
 
 from vislam_ros.cli.exit_codes import OK
-from vislam_ros.cli.parameters import RunParameters, run_parameters
+from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
 from vislam_ros.cli.reading import read_input
 from vislam_ros.cli.screen import print_summary, progress_bar
 from vislam_ros.core.filters.dead_reckoning import Prediction
-from vislam_ros.core.slam import SlamStep, require_smoothable
+from vislam_ros.core.filters.registry import estimator_named
+from vislam_ros.core.slam import SlamStep
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.results.summary import StepStatistics, peak_rss_mb
 from vislam_ros.data.results.writer import ResultWriter, refuse_used
@@ -22,8 +23,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     started = time.monotonic()
     parameters = run_parameters(arguments)
+    report_unused(parameters)
     if arguments.smooth:
-        require_smoothable(parameters.slam)
+        estimator_named(parameters.slam.estimator).require_smoothable()
     refuse_used(arguments.out, force=arguments.force)
     drive = read_input(arguments)
     with ResultWriter(arguments.out, force=arguments.force, started=started) as writer:
@@ -88,8 +90,5 @@ def _as_used(parameters: RunParameters) -> dict[str, dict[str, object]]:
     """Every parameter that the estimators had, in the sections of the nodes."""
     return {
         "imu_prediction_node": dataclasses.asdict(parameters.prediction),
-        "slam_node": {
-            **dataclasses.asdict(parameters.slam),
-            "map_file": parameters.given["slam_node"].get("map_file", ""),
-        },
+        "slam_node": dataclasses.asdict(parameters.slam),
     }

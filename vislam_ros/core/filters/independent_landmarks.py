@@ -2,21 +2,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """World-frame landmarks whose covariances are kept one by one, without correlations."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.filters.estimator import Outcome
+from vislam_ros.core.filters.settings import WorldLandmarkSettings
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.motion import Increment, propagate, symmetrized
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.settings import setting
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracking.tracks import among
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class IndependentLandmarkSettings(WorldLandmarkSettings):
+    """Settings of filters over independent landmarks."""
+
+    planar: bool = setting(
+        False,
+        "Keep every landmark at z = 0 and estimate x and y, as the report's mapping does",
+    )
 
 
 class IndependentLandmarks:
@@ -30,7 +41,7 @@ class IndependentLandmarks:
     covariances : ndarray, (n, 3, 3)
     """
 
-    def __init__(self, settings: SlamSettings, observation: StereoObservation):
+    def __init__(self, settings: IndependentLandmarkSettings, observation: StereoObservation):
         self._settings = settings
         self._observation = observation
         self._retired = LandmarkStore()
@@ -91,7 +102,7 @@ class IndependentLandmarkFilter:
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : IndependentLandmarkSettings
     camera : StereoCamera
 
     Attributes
@@ -104,7 +115,7 @@ class IndependentLandmarkFilter:
     gyro_bias = None
     gyro_bias_std = None
 
-    def __init__(self, settings: SlamSettings, camera: StereoCamera):
+    def __init__(self, settings: IndependentLandmarkSettings, camera: StereoCamera):
         self._settings = settings
         self._observation = StereoObservation(camera, settings.pixel_variance)
         self._landmarks = IndependentLandmarks(settings, self._observation)

@@ -7,11 +7,15 @@ ended can no longer be observed, so it no longer matters to the pose: it is set 
 stands, and the pose estimate stays that of the filter over all landmarks.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from vislam_ros.core.filters.estimator import Outcome
+from vislam_ros.core.filters.registry import register_estimator
+from vislam_ros.core.filters.settings import WorldLandmarkSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.observation import PredictedObservation, StereoObservation
@@ -19,7 +23,7 @@ from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.linalg.linear_update import correct, diagonal_blocks
 from vislam_ros.core.motion import Increment, symmetrized
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.settings import setting
 from vislam_ros.core.smoothing.error_operations import (
     Admission,
     Correction,
@@ -36,12 +40,19 @@ from vislam_ros.core.tracking.tracks import among, slots_of
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class JointSettings(WorldLandmarkSettings):
+    """Settings of the joint filter."""
+
+    estimator: str = setting("joint", "Which filter runs")
+
+
 class JointFilter:
     """EKF over the error state ``[xi; delta m_1; ...; delta m_n]``, pose first.
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : JointSettings
     camera : StereoCamera
     tape : Tape, optional
         Where to record for the backward pass.
@@ -60,7 +71,7 @@ class JointFilter:
     gyro_bias = None
     gyro_bias_std = None
 
-    def __init__(self, settings: SlamSettings, camera: StereoCamera, tape: Tape | None = None):
+    def __init__(self, settings: JointSettings, camera: StereoCamera, tape: Tape | None = None):
         self._settings = settings
         self._tape = tape
         self._observation = StereoObservation(camera, settings.pixel_variance)
@@ -231,3 +242,11 @@ class JointFilter:
             self._tape.record(Admission(noise, J_pose if correlated else None))
         self.keys = np.concatenate([self.keys, keys])
         self.means = np.concatenate([self.means, positions])
+
+
+register_estimator(
+    "joint",
+    JointSettings,
+    lambda settings, given: JointFilter(settings, given.camera, given.tape),
+    vehicle_size=JointFilter.SMALL_SIZE,
+)

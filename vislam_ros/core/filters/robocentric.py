@@ -40,6 +40,8 @@ from vislam_ros.core.filters.image_point_map import (
     has_position,
     world_positions,
 )
+from vislam_ros.core.filters.registry import register_estimator
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
@@ -59,7 +61,6 @@ from vislam_ros.core.motion import Increment
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothing.error_operations import (
     Admission,
     Correction,
@@ -111,7 +112,7 @@ class RobocentricFilter:
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : RobocentricSettings
     camera : StereoCamera
     tape : Tape, optional
         Where to record for the backward pass.
@@ -136,7 +137,9 @@ class RobocentricFilter:
 
     SMALL_SIZE = _SMALL
 
-    def __init__(self, settings: SlamSettings, camera: StereoCamera, tape: Tape | None = None):
+    def __init__(
+        self, settings: RobocentricSettings, camera: StereoCamera, tape: Tape | None = None
+    ):
         self._settings = settings
         self._camera = camera
         self._tape = tape
@@ -492,3 +495,11 @@ def _scattered(values: Array, places: NDArray[np.bool_]) -> Array:
     result = np.zeros((len(places), *values.shape[1:]))
     result[places] = values
     return result
+
+
+register_estimator(
+    "robocentric",
+    RobocentricSettings,
+    lambda settings, given: RobocentricFilter(settings, given.camera, given.tape),
+    vehicle_size=RobocentricFilter.SMALL_SIZE,
+)
