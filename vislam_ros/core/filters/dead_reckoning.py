@@ -128,8 +128,6 @@ class DeadReckoningEstimator:
 
     active = 0
     landmark_count = 0
-    gyro_bias = None
-    gyro_bias_std = None
 
     def __init__(self, settings: SlamSettings):
         self.T_world_body = np.eye(4)
