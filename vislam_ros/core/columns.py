@@ -108,6 +108,8 @@ class Estimate(NamedTuple):
         """
         numbers = [*np.ravel(self.values).tolist(), *np.ravel(self.std).tolist()]
         names = self.quantity.names + self.quantity.std_names
+        if len(numbers) != len(names):
+            raise ValueError(f"{len(numbers)} numbers for the columns {', '.join(names)}")
         return dict(zip(names, map(float, numbers), strict=True))
 
 

@@ -103,7 +103,7 @@ def test_everything_reads_back_to_the_last_bit(run: Run, tmp_path: Path) -> None
     assert {path.name for path in results.directory.iterdir()} <= set(OWNED_FILES)
 
 
-def test_a_table_of_an_earlier_version_is_read_and_drawn(run: Run, tmp_path: Path) -> None:
+def test_a_directory_of_an_earlier_version_is_read_and_drawn(run: Run, tmp_path: Path) -> None:
     with ResultWriter(tmp_path / "results") as writer:
         run.write(writer)
     table = writer.directory / "steps.csv"

@@ -65,11 +65,7 @@ class RunSummary:
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as JSON takes it; None stands for what is not known.
 
-        ``rejected_fraction`` is the share of the observations put to the gate that failed it,
-        ``nis_per_dof`` the normalised innovation squared of all others by their number,
-        ``gyro_bias`` the last step's in rad/s, ``estimates`` all that it held besides the columns
-        that every step has, ``drive_s`` the time from the first to the last stamp, ``wall_s`` the time that passed
-        meanwhile, and ``realtime_factor`` how much faster than the drive that was.
+        ``docs/results.md`` says what each key means.
         """
         wall_s = drive_s = 0.0
         if self._first and self._last:
