@@ -15,7 +15,7 @@ from vislam_ros.core.filters.settings import ObservationSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera, pixels_of
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.slam import SlamStep
+from vislam_ros.core.step import SlamStep
 from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA
 from vislam_ros.data.trajectory import NANOSECONDS
 

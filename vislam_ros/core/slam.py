@@ -13,77 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vislam_ros.core.filters.estimator import Estimator, Outcome
+from vislam_ros.core.filters.estimator import Estimator
 from vislam_ros.core.filters.registry import Surroundings, completed, estimator_named
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion import Increment, mean_twist
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_drive
 from vislam_ros.core.smoothing.tape import Tape
+from vislam_ros.core.step import SlamStep
 from vislam_ros.core.tracking.pairing import PredictedPath
 from vislam_ros.core.tracking.time_order import Refusal, TimeOrder
-from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 from vislam_ros.core.tracking.tracks import Tracks
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class SlamStep:
-    """The estimate after one features message, and what was done with it.
-
-    Attributes
-    ----------
-    stamp : int
-        The features message's, nanoseconds.
-    position, quaternion : ndarray, (3,), (4,)
-        Body in the map; x, y, z, w.
-    covariance : ndarray, (6, 6)
-        Of the pose error ``[rho; theta]`` on the right.
-    T_map_odom : ndarray, (4, 4)
-        Carries the predicted pose of the same stamp into the map.
-    first_of_pass : bool
-        Whether the estimate began with this step.
-    frozen : bool
-        Whether the frame repeats the last one's pixels (see tracks).
-    observed, used, rejected, admitted : int
-        Observations in the frame; those that corrected the state, failed a gate, began a
-        landmark.
-    active, landmarks : int
-        Landmarks that are tracked, and all there are.
-    tracks : int
-        Different ids so far.
-    nis, nis_dof : float, int
-        Normalised innovation squared of the used observations, and its degrees of freedom.
-    duration_ms : float
-        Time that the step took, milliseconds.
-    gyro_bias, gyro_bias_std : ndarray, (3,), or None
-        Bias of the gyroscope and its standard deviations, radians a second; None where the
-        estimator has none.
-    """
-
-    stamp: int
-    position: Array
-    quaternion: Array
-    covariance: Array
-    T_map_odom: Array
-    first_of_pass: bool
-    frozen: bool
-    observed: int
-    used: int
-    rejected: int
-    admitted: int
-    active: int
-    landmarks: int
-    tracks: int
-    nis: float
-    nis_dof: int
-    duration_ms: float
-    gyro_bias: Array | None
-    gyro_bias_std: Array | None
 
 
 @dataclass(frozen=True)
@@ -346,40 +291,29 @@ class Slam:
             self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp
         path.forget_before(frame.stamp)
-        return self._report(begin, frame, path, first, tracked, outcome, self._estimator)
-
-    def _report(
-        self,
-        begin: float,
-        frame: _PendingFrame,
-        path: PredictedPath,
-        first: bool,
-        tracked: TrackedFrame,
-        outcome: Outcome,
-        estimator: Estimator,
-    ) -> SlamStep:
-        T = estimator.T_world_body
-        bias, bias_std = estimator.gyro_bias, estimator.gyro_bias_std
+        T = self._estimator.T_world_body
+        twist = outcome.twist or mean_twist(increment)
         return SlamStep(
             stamp=frame.stamp,
-            position=T[:3, 3].copy(),
-            quaternion=se3.quaternion_from_rotation(T[:3, :3]),
-            covariance=estimator.pose_covariance,
-            T_map_odom=T @ se3.inverse(path.pose(frame.stamp)),
-            first_of_pass=first,
             frozen=tracked.frozen,
-            observed=len(frame.ids),
+            active=self._estimator.active,
             used=outcome.used,
             rejected=len(outcome.rejected),
+            observed=len(frame.ids),
             admitted=outcome.admitted,
-            active=estimator.active,
-            landmarks=estimator.landmark_count,
-            tracks=self._tracks.ids_seen,
+            landmarks=self._estimator.landmark_count,
             nis=outcome.nis,
             nis_dof=outcome.nis_dof,
-            duration_ms=(time.perf_counter() - begin) * 1e3,
-            gyro_bias=None if bias is None else bias.copy(),
-            gyro_bias_std=None if bias_std is None else bias_std.copy(),
+            tracks=self._tracks.ids_seen,
+            first_of_pass=first,
+            position=T[:3, 3].copy(),
+            quaternion=se3.quaternion_from_rotation(T[:3, :3]),
+            covariance=self._estimator.pose_covariance,
+            twist=twist.mean,
+            twist_covariance=twist.covariance,
+            T_map_odom=T @ se3.inverse(path.pose(frame.stamp)),
+            estimates=outcome.estimates,
+            ms=(time.perf_counter() - begin) * 1e3,
         )
 
     def _new_estimator(self, camera: StereoCamera) -> Estimator:

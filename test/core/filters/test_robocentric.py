@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dense_robocentric import DenseRobocentricFilter
+from dense_robocentric import BIAS, DRIFT, LENS, TWIST, DenseRobocentricFilter
 from numpy.typing import NDArray
 from tracked_drive import run, trying_drives
 
+from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.robocentric import RobocentricFilter
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
@@ -26,6 +27,23 @@ Array = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def drives() -> dict[str, Drive]:
     return trying_drives(steps=24, landmarks=120, seed=6)
+
+
+def told_numbers(outcome: Outcome) -> list[Array]:
+    return [np.array(list(estimate.numbers().values())) for estimate in outcome.estimates]
+
+
+def dense_numbers(dense: DenseRobocentricFilter) -> list[Array]:
+    """What the filter tells of itself, from the dense one's state, covariance and noise."""
+    std = np.sqrt(np.diag(dense.P))
+    pixel_variance = dense.track_noise.level * np.mean(np.diag(dense.told_V))
+    twist_std = np.sqrt(dense.motion_noise.twist_variance)
+    walk_std = np.sqrt(dense.motion_noise.walk_variance)
+    return [
+        *(np.append(dense.estimate[rows], std[rows]) for rows in (BIAS, DRIFT, LENS)),
+        *(np.array([level]) for level in (pixel_variance**0.5, twist_std[0], twist_std[5])),
+        *(walk_std[:3], walk_std[3:]),
+    ]
 
 
 @pytest.mark.parametrize("kind", ["white", "offsets"])
@@ -72,6 +90,9 @@ def test_state_and_covariance_are_the_dense_filters(
             (filter_.pose_covariance, dense.P[:6, :6]),
             (state, dense.estimate[rows[6:]]),
             (filter_.covariance, dense.P[np.ix_(rows, rows)]),
+            (outcome.twist.mean, dense.estimate[TWIST]),
+            (outcome.twist.covariance, dense.P[TWIST, TWIST]),
+            *zip(told_numbers(outcome), dense_numbers(dense), strict=True),
         ]:
             np.testing.assert_allclose(ours, plain, rtol=0, atol=1e-9)
     assert dense.track_noise.has_offsets == (kind == "offsets" and settings.learn_noise)

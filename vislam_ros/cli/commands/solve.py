@@ -12,9 +12,9 @@ from vislam_ros.cli.reading import read_input
 from vislam_ros.cli.screen import print_summary, progress_bar
 from vislam_ros.core.filters.dead_reckoning import Prediction
 from vislam_ros.core.filters.registry import estimator_named
-from vislam_ros.core.slam import SlamStep
+from vislam_ros.core.step import SlamStep
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.results.summary import StepStatistics, peak_rss_mb
+from vislam_ros.data.results.summary import peak_rss_mb
 from vislam_ros.data.results.writer import ResultWriter, refuse_used
 from vislam_ros.data.solving import Solution, smoothed_trajectory, solve
 
@@ -57,14 +57,7 @@ def _solve(
             writer.add_dead_reckoning(prediction.stamp, prediction.position, prediction.quaternion)
 
         def add_step(step: SlamStep) -> None:
-            writer.add_step(
-                step.stamp,
-                step.position,
-                step.quaternion,
-                step.covariance,
-                _statistics(step),
-            )
-            writer.summary.gyro_bias = step.gyro_bias
+            writer.add_step(step.position, step.quaternion, step.covariance, step.row())
             nonlocal done
             done += 1
             ends = smooth and done == drive.steps
@@ -79,11 +72,6 @@ def _solve(
             on_prediction=add_prediction,
             on_step=add_step,
         )
-
-
-def _statistics(step: SlamStep) -> StepStatistics:
-    names = [field.name for field in dataclasses.fields(StepStatistics) if field.name != "ms"]
-    return StepStatistics(**{name: getattr(step, name) for name in names}, ms=step.duration_ms)
 
 
 def _as_used(parameters: RunParameters) -> dict[str, dict[str, object]]:

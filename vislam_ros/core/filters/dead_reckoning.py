@@ -136,8 +136,6 @@ class DeadReckoningEstimator:
 
     active = 0
     landmark_count = 0
-    gyro_bias = None
-    gyro_bias_std = None
 
     def __init__(self, settings: DeadReckoningSettings):
         self.T_world_body = np.eye(4)

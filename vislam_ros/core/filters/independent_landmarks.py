@@ -112,9 +112,6 @@ class IndependentLandmarkFilter:
         Of the pose error ``[rho; theta]`` on the right.
     """
 
-    gyro_bias = None
-    gyro_bias_std = None
-
     def __init__(self, settings: IndependentLandmarkSettings, camera: StereoCamera):
         self._settings = settings
         self._observation = StereoObservation(camera, settings.pixel_variance)

@@ -68,8 +68,6 @@ class JointFilter:
     """
 
     SMALL_SIZE = 6
-    gyro_bias = None
-    gyro_bias_std = None
 
     def __init__(self, settings: JointSettings, camera: StereoCamera, tape: Tape | None = None):
         self._settings = settings

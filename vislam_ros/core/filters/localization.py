@@ -46,9 +46,6 @@ class LocalizationFilter:
         Gives the track ids (n,) of keys (n,).
     """
 
-    gyro_bias = None
-    gyro_bias_std = None
-
     def __init__(
         self,
         settings: LocalizationSettings,

@@ -26,13 +26,16 @@ One step from stamp k - 1 to k, of tau seconds:
 4. The frame's image points correct everything.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from vislam_ros.core.columns import Estimate
 from vislam_ros.core.compiled import compiled
+from vislam_ros.core.filters import quantities
 from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.image_point_map import (
     ImagePointMap,
@@ -57,7 +60,7 @@ from vislam_ros.core.linalg.linear_update import (
     whitened,
     without,
 )
-from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion import FIRST_TWIST_STD, Increment, Twist
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
@@ -91,9 +94,6 @@ _PLACING = np.array([0, 1, 2, 3, 4, 5, _LENS])
 _ASIDE, _TWIST_ASIDE = slice(1, 3), slice(7, 9)
 # The turn rates that sway a place ahead of the origin sideways and up: yaw and pitch.
 _SWAYING = np.array([5, 4])
-
-# Before the first motion nothing is known of the twist but that it is a vehicle's.
-_FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
 
 # Nothing moves in less than this, and no twist can be told from it [s].
 _SHORTEST_STEP = 1e-4
@@ -164,7 +164,7 @@ class RobocentricFilter:
         self.kappa = 0.0
         self.covariance = np.zeros((_SMALL, _SMALL))
         self.covariance[_POSE, _POSE] = settings.prior_pose_variance * np.eye(6)
-        self.covariance[_TWIST, _TWIST] = np.diag(_FIRST_TWIST_STD**2)
+        self.covariance[_TWIST, _TWIST] = np.diag(FIRST_TWIST_STD**2)
         self.covariance[_BIAS, _BIAS] = settings.gyro_bias_std**2 * np.eye(3)
         velocity_bias_variance = settings.velocity_bias_std**2 * np.eye(2)
         self.covariance[_VELOCITY_BIAS, _VELOCITY_BIAS] = velocity_bias_variance
@@ -176,11 +176,6 @@ class RobocentricFilter:
     def pose_covariance(self) -> Array:
         """Covariance (6, 6) of the pose error on the right."""
         return self.covariance[_POSE, _POSE].copy()
-
-    @property
-    def gyro_bias_std(self) -> Array:
-        """Standard deviations (3,) of the gyroscope bias, radians a second."""
-        return np.sqrt(np.maximum(np.diag(self.covariance[_BIAS, _BIAS]), 0.0))
 
     @property
     def active(self) -> int:
@@ -218,8 +213,30 @@ class RobocentricFilter:
         rejected = outcome.rejected
         if len(passed):
             rejected = np.concatenate([rejected, passed[among(passed, frame.keys)]])
-        admitted = int(np.count_nonzero(new))
-        return Outcome(outcome.used, admitted, rejected, outcome.nis, outcome.nis_dof)
+        return replace(
+            outcome,
+            admitted=int(np.count_nonzero(new)),
+            rejected=rejected,
+            twist=Twist(self.twist, self.covariance[_TWIST, _TWIST].copy()),
+            estimates=self._estimates(),
+        )
+
+    def _estimates(self) -> tuple[Estimate, ...]:
+        """What else is in the vehicle's state, and the noise as it is learned."""
+        std = np.sqrt(np.maximum(self.covariance.diagonal()[:_SMALL], 0.0))
+        pixel_variance = self._track_noise.level * sum(self._settings.pixel_variance) / 4
+        twist_noise_std = np.sqrt(self._motion_noise.twist_variance)
+        walk_std = np.sqrt(self._motion_noise.walk_variance)
+        return (
+            Estimate(quantities.GYRO_BIAS, self.gyro_bias, std[_BIAS]),
+            Estimate(quantities.VELOCITY_BIAS, self.velocity_bias, std[_VELOCITY_BIAS]),
+            Estimate(quantities.LENS_DISTORTION, self.kappa, std[_LENS]),
+            Estimate(quantities.PIXEL_NOISE_STD, pixel_variance**0.5),
+            Estimate(quantities.VELOCITY_NOISE_STD, twist_noise_std[0]),
+            Estimate(quantities.ANGULAR_VELOCITY_NOISE_STD, twist_noise_std[3]),
+            Estimate(quantities.VELOCITY_WALK_STD, walk_std[:3]),
+            Estimate(quantities.ANGULAR_VELOCITY_WALK_STD, walk_std[3:]),
+        )
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
