@@ -21,6 +21,7 @@ from plain_image_points import (
 )
 from scipy.linalg import expm
 
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.linalg.gating import passes_gates
@@ -29,7 +30,6 @@ from vislam_ros.core.noise.disparity_prior import DisparityPrior
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
@@ -77,7 +77,7 @@ class DenseRobocentricFilter:
 
     def __init__(
         self,
-        settings: SlamSettings,
+        settings: RobocentricSettings,
         camera: StereoCamera,
         *,
         exchange: bool = False,

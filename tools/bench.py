@@ -32,8 +32,8 @@ from benchmark.report_table import print_report
 
 from vislam_ros.cli.exit_codes import FAILED, OK
 from vislam_ros.cli.parameters import run_parameters
-from vislam_ros.core.settings import ESTIMATORS
-from vislam_ros.core.slam import SMOOTHABLE
+from vislam_ros.core.filters.registry import estimator_named, estimator_names
+from vislam_ros.core.filters.settings import ObservationSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
 from vislam_ros.data.loading import load_drive
@@ -128,7 +128,7 @@ class Bench:
             solve_here(self._drive, *self._settings, self._reference),
             solve_as_command(data, options, reference_path),
         ]
-        if self.slam.estimator in SMOOTHABLE:
+        if estimator_named(self.slam.estimator).smoothable:
             rows.append(solve_as_command(data, [*options, "--smooth"], reference_path))
         return {"data": self._drive.name, "drives": rows}
 
@@ -173,9 +173,12 @@ class Bench:
 
     def tracks(self) -> Report:
         """Errors of a drive's disparities: their size, and how little they change on a track."""
-        if self.slam.estimator not in SMOOTHABLE:
-            raise LeftOut(f"{self.slam.estimator} cannot be smoothed")
-        rows = disparity_errors(self._drive, *self._settings)
+        slam, prediction = self._settings
+        if not (
+            estimator_named(slam.estimator).smoothable and isinstance(slam, ObservationSettings)
+        ):
+            raise LeftOut(f"{slam.estimator} cannot be smoothed")
+        rows = disparity_errors(self._drive, slam, prediction)
         return {"data": self._drive.name, "tracks": rows}
 
     def redrawn(self) -> Report:
@@ -315,7 +318,7 @@ def _parser() -> argparse.ArgumentParser:
         help="drives of each kind, for consistency and redrawn (20)",
     )
     add("--params", type=Path, metavar="FILE", help="ROS parameter file (config/ekf.yaml)")
-    add("--estimator", choices=ESTIMATORS)
+    add("--estimator", choices=estimator_names())
     add("--out", type=Path, default=OUT, metavar="FILE", help=f"({OUT})")
     add("--force", action="store_true", help="replace FILE")
     parser.set_defaults(fraction=None, seed=None, map=None)

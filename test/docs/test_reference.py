@@ -13,7 +13,7 @@ from places import REPOSITORY
 
 from vislam_ros.cli.parameters import SETTINGS_OF_NODES
 from vislam_ros.cli.parser import build_parser
-from vislam_ros.core.settings import ESTIMATORS
+from vislam_ros.core.filters.registry import estimator_names
 from vislam_ros.data.bags import layout
 
 README = REPOSITORY / "README.md"
@@ -87,7 +87,9 @@ def test_every_parameter_that_a_situation_asks_for_exists():
 
 
 def test_the_table_of_estimators_is_that_of_the_code():
-    assert [names(row[0])[0] for row in table(DOCS / "estimators.md", "value")] == list(ESTIMATORS)
+    assert [names(row[0])[0] for row in table(DOCS / "estimators.md", "value")] == list(
+        estimator_names()
+    )
 
 
 def test_the_table_of_commands_is_that_of_the_parser():

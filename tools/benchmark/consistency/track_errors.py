@@ -17,10 +17,11 @@ from scipy.stats import median_abs_deviation
 
 from benchmark.consistency.track_points import BY_POINT, fitted_point
 from benchmark.recorded_drive import record
+from vislam_ros.core.filters.settings import ObservationSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.observation import StereoObservation
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.solving import smoothed_trajectory
 
@@ -38,7 +39,7 @@ _LEFT = np.array([1.0, 0.0, 1.0])
 
 
 def disparity_errors(
-    drive: Drive, slam_settings: SlamSettings, prediction_settings: PredictionSettings
+    drive: Drive, slam_settings: ObservationSettings, prediction_settings: PredictionSettings
 ) -> list[dict[str, Any]]:
     """Measure the errors of the disparities of tracks that do not begin at a repeated pixel.
 

@@ -51,6 +51,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from vislam_ros.core.columns import Estimate
+from vislam_ros.core.filters import quantities
 from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.image_point_map import (
     ImagePointMap,
@@ -59,6 +61,7 @@ from vislam_ros.core.filters.image_point_map import (
     positions_of_all,
     world_positions,
 )
+from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.filters.robocentric_model import (
     GYRO_BIAS,
     LENS,
@@ -72,13 +75,14 @@ from vislam_ros.core.filters.robocentric_model import (
     transition_of,
     walk_covariance,
 )
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import warp
 from vislam_ros.core.linalg.gating import Inliers, deletion_gate, passes_gates
-from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion import Increment, Twist
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
@@ -88,7 +92,6 @@ from vislam_ros.core.operations.error_state import ErrorState, Recorder
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
 from vislam_ros.core.operations.transition import RandomWalk
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracking.tracks import indices_of, is_member
 
@@ -103,7 +106,7 @@ class RobocentricFilter:
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : RobocentricSettings
     camera : StereoCamera
     tape : Recorder, optional
         Where to record for the backward pass.
@@ -125,7 +128,9 @@ class RobocentricFilter:
         Theirs, in the current left camera, pixels, free of distortion.
     """
 
-    def __init__(self, settings: SlamSettings, camera: StereoCamera, tape: Recorder | None = None):
+    def __init__(
+        self, settings: RobocentricSettings, camera: StereoCamera, tape: Recorder | None = None
+    ):
         self._settings = settings
         self._camera = camera
         self._observation = StereoObservation(camera, settings.pixel_variance)
@@ -164,11 +169,6 @@ class RobocentricFilter:
         return self.covariance[POSE, POSE].copy()
 
     @property
-    def gyro_bias_std(self) -> Array:
-        """Standard deviations (3,) of the gyroscope bias, radians a second."""
-        return np.sqrt(np.maximum(np.diag(self.covariance[GYRO_BIAS, GYRO_BIAS]), 0.0))
-
-    @property
     def active(self) -> int:
         """Number of landmarks in the dense block."""
         return len(self.keys)
@@ -203,6 +203,8 @@ class RobocentricFilter:
             outcome,
             admitted=int(np.count_nonzero(new)),
             rejected=np.concatenate([outcome.rejected, contradicted]),
+            twist=Twist(self.twist, self.covariance[TWIST, TWIST].copy()),
+            estimates=self._estimates(),
         )
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
@@ -360,3 +362,28 @@ class RobocentricFilter:
 
     def _has_position(self) -> NDArray[np.bool_]:
         return has_position(self.image_points, self._state.landmark_covariances())
+
+    def _estimates(self) -> tuple[Estimate, ...]:
+        """What else is in the vehicle's state, and the noise as it is learned."""
+        std = np.sqrt(np.maximum(self._state.vehicle_covariance.diagonal(), 0.0))
+        pixel_variance = self._track_noise.level * sum(self._settings.pixel_variance) / 4
+        twist_noise_std = np.sqrt(self._motion_noise.twist_variance)
+        walk_std = np.sqrt(self._motion_noise.walk_variance)
+        return (
+            Estimate(quantities.GYRO_BIAS, self.gyro_bias, std[GYRO_BIAS]),
+            Estimate(quantities.VELOCITY_BIAS, self.velocity_bias, std[VELOCITY_BIAS]),
+            Estimate(quantities.LENS_DISTORTION, self.kappa, std[LENS]),
+            Estimate(quantities.PIXEL_NOISE_STD, pixel_variance**0.5),
+            Estimate(quantities.VELOCITY_NOISE_STD, twist_noise_std[0]),
+            Estimate(quantities.ANGULAR_VELOCITY_NOISE_STD, twist_noise_std[3]),
+            Estimate(quantities.VELOCITY_WALK_STD, walk_std[:3]),
+            Estimate(quantities.ANGULAR_VELOCITY_WALK_STD, walk_std[3:]),
+        )
+
+
+register_estimator(
+    "robocentric",
+    RobocentricSettings,
+    lambda settings, given: RobocentricFilter(settings, given.camera, given.tape),
+    smoothable=True,
+)
