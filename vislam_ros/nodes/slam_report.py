@@ -10,6 +10,7 @@ from rclpy.node import Node
 from vislam_ros.core.slam import Slam, SlamStep
 from vislam_ros.data.results.summary import StepStatistics, peak_rss_mb
 from vislam_ros.data.results.writer import STEP_COLUMNS
+from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.nodes.diagnostics import stamp_age
 
 
@@ -105,8 +106,10 @@ class SlamReport:
             "steps": self._total,
             "frozen steps": self._frozen,
             "resets": self._core.resets,
-            "features waiting": self._core.waiting,
+            "features waiting": len(self._core.waiting),
         }
+        if self._core.waiting:
+            values["first waiting [s]"] = stamp_text(self._core.waiting[0])
         if self._last is not None:
             values["stamp age [s]"] = stamp_age(self._node, self._last.stamp)
             values["active landmarks"] = self._last.active
