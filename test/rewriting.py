@@ -12,9 +12,17 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from vislam_ros.data.bags.bag_messages import BagMessages
-from vislam_ros.data.bags.layout import LATCHED_QOS, STREAM_QOS, Topic
+from vislam_ros.data.bags.layout import (
+    FEATURES,
+    GROUND_TRUTH,
+    IMU,
+    LATCHED_QOS,
+    STREAM_QOS,
+    TWIST,
+    Topic,
+)
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JUNK = b"\x00\x01\x00\x00junk"
@@ -96,3 +104,20 @@ def edit(topic: Topic, index: int, action: Callable[[Any], object]) -> Change:
         return message
 
     return changing(topic, change)
+
+
+def from_half_on_anew(bag: Path) -> Change:
+    """A change that lets the stamps of all streams begin anew in the middle of a bag."""
+    with BagMessages(bag) as source:
+        begin, middle = source.start, source.start + source.duration // 2
+    streams = {topic.recorded for topic in (IMU, TWIST, FEATURES, GROUND_TRUTH)}
+
+    def change(topic: str, _index: int, message: Any) -> Any:
+        if topic in streams:
+            stamp = message.header.stamp
+            time = stamp.sec * NANOSECONDS + stamp.nanosec
+            if time >= middle:
+                stamp.sec, stamp.nanosec = divmod(time - middle + begin, NANOSECONDS)
+        return message
+
+    return change

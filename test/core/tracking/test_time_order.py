@@ -10,15 +10,17 @@ from vislam_ros.core.tracking.time_order import Passes, TimeOrder
 SECOND = 1_000_000_000
 
 
+def verdict(order, seconds):
+    try:
+        return "new pass" if order.enter(round(seconds * SECOND)) else "next"
+    except RefusedMessage as error:
+        return error.refusal.word
+
+
 def verdicts(stamps):
     """What becomes of stamps in seconds that come one after the other."""
-    order, told = TimeOrder(1.0), []
-    for stamp in stamps:
-        try:
-            told.append("new pass" if order.enter(round(stamp * SECOND)) else "next")
-        except RefusedMessage as error:
-            told.append(error.refusal.word)
-    return told
+    order = TimeOrder(1.0)
+    return [verdict(order, seconds) for seconds in stamps]
 
 
 def test_only_what_is_newer_enters():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rewriting import JUNK, assert_same, changing, edit, rewritten, unchanged
+from rewriting import JUNK, assert_same, changing, edit, from_half_on_anew, rewritten, unchanged
 from rosbags.rosbag2 import StoragePlugin
 
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
@@ -232,14 +232,14 @@ class TestOrder:
         assert drive.refused.first_stamps == {"twist_duplicate": stamp}
 
     def test_stamps_that_begin_anew_make_a_second_pass(self, bag, small_drive):
-        half = small_drive.steps // 2
-        begin = int(small_drive.feature_stamps[half])
-        foreign = rewritten(bag, from_half_on_anew(small_drive))
+        stamps = small_drive.feature_stamps
+        middle = stamps[0] + (stamps[-1] - stamps[0]) // 2
+        half = int(np.searchsorted(stamps, middle))
+        foreign = rewritten(bag, from_half_on_anew(bag))
         first, second = read_passes(foreign)
         assert first.twist_stamps.tolist() == small_drive.twist_stamps[:half].tolist()
-        moved = small_drive.feature_stamps[half:] - begin + int(small_drive.feature_stamps[0])
-        for stamps in (second.twist_stamps, second.feature_stamps):
-            assert stamps.tolist() == moved.tolist()
+        moved = stamps[half:] - middle + stamps[0]
+        assert second.twist_stamps.tolist() == second.feature_stamps.tolist() == moved.tolist()
         assert_same(second.twists, small_drive.twists[half:])
         assert_same(second.frame(3), small_drive.frame(half + 3))
         assert first.camera == second.camera == small_drive.camera
@@ -248,7 +248,7 @@ class TestOrder:
         assert not second.refused.counts
 
     def test_how_far_back_a_new_pass_begins_is_a_rule(self, bag, small_drive):
-        foreign = rewritten(bag, from_half_on_anew(small_drive))
+        foreign = rewritten(bag, from_half_on_anew(bag))
         rules = ReadingRules(twist_time_jump=100.0, features_time_jump=100.0)
         drive = read(foreign, rules=rules)
         assert np.all(np.diff(drive.twist_stamps) > 0)
@@ -266,23 +266,6 @@ class TestOrder:
         drive = read(rewritten(bag, change))
         assert drive.steps == small_drive.steps - 3
         assert drive.refused.counts == {"features_no_prediction": 3}
-
-
-def from_half_on_anew(drive):
-    """A change that lets the stamps begin anew in the middle of a drive."""
-    half = drive.steps // 2
-    middle, back = int(drive.feature_stamps[half]), int(drive.feature_stamps[0])
-
-    def change(topic, _index, message):
-        if topic not in {t.recorded for t in (IMU, TWIST, FEATURES, GROUND_TRUTH)}:
-            return message
-        header = message.header
-        stamp = header.stamp.sec * SECOND + header.stamp.nanosec
-        if stamp >= middle:
-            header.stamp.sec, header.stamp.nanosec = divmod(stamp - middle + back, SECOND)
-        return message
-
-    return change
 
 
 def changed_twist(message, speed):
