@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive in memory: all that the graph hears, from whatever file it came."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.data.trajectory import Trajectory
 
 
@@ -42,6 +43,8 @@ class Drive:
         Poses of the body in its first pose's frame, where they are known.
     notes : tuple of str
         What a reader repaired or left out, a sentence each.
+    refused : RefusalCounts
+        Messages that a reader refused, as the nodes would.
     """
 
     name: str
@@ -55,6 +58,7 @@ class Drive:
     pixels: NDArray[np.float32]
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
+    refused: RefusalCounts = field(default_factory=RefusalCounts)
 
     @property
     def steps(self) -> int:

@@ -15,6 +15,7 @@ from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive
 from vislam_ros.core.step import SlamStep
+from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.trajectory import Trajectory
 
@@ -30,8 +31,8 @@ class Solution:
     dead_reckoning : Trajectory
     landmarks : LandmarkMap
         The map after the last step; the exact one where the drive was smoothed.
-    refused : dict of str to int
-        Refused messages by reason; those of twists begin with ``twist_``.
+    refused : RefusalCounts
+        Messages that the drive's reader and the estimators refused.
     resets : int
         How often the SLAM estimate began anew.
     smoothed : SmoothedDrive or None
@@ -41,7 +42,7 @@ class Solution:
     steps: tuple[SlamStep, ...]
     dead_reckoning: Trajectory
     landmarks: LandmarkMap
-    refused: dict[str, int]
+    refused: RefusalCounts
     resets: int
     smoothed: SmoothedDrive | None = None
 
@@ -147,16 +148,17 @@ def solve(
             if on_step:
                 for step in ready:
                     on_step(step)
+        slam.refuse_waiting()
         smoothed = slam.smoothed() if smooth else None
         landmarks = slam.landmarks() if smoothed is None else smoothed.landmarks
+    refused = RefusalCounts()
+    for counts in (drive.refused, reckoning.refused, slam.refused):
+        refused.merge(counts)
     return Solution(
         steps=tuple(steps),
         dead_reckoning=trajectory_of(predictions),
         landmarks=landmarks,
-        refused={
-            **{f"twist_{reason}": count for reason, count in reckoning.refused.items()},
-            **slam.refused,
-        },
+        refused=refused,
         resets=slam.resets,
         smoothed=smoothed,
     )

@@ -33,7 +33,9 @@ class RunSummary:
     resets : int
         How often the estimate began anew.
     refused : mapping of str to int
-        Messages that were refused, by reason.
+        Messages that were refused, by stream and reason (see core.tracking.refusals).
+    refused_first : mapping of str to str
+        Stamp (s) of the first of them, where it has one.
     latencies_ms : array of float
         From sending features to hearing their pose, where it was measured.
     """
@@ -46,6 +48,7 @@ class RunSummary:
     peak_rss_mb: float | None = None
     resets: int = 0
     refused: Mapping[str, int] = field(default_factory=dict)
+    refused_first: Mapping[str, str] = field(default_factory=dict)
     latencies_ms: "array[float]" = field(default_factory=lambda: array("d"))
     complete: bool = False
     incomplete_reason: str | None = "the run has not ended"
@@ -96,6 +99,7 @@ class RunSummary:
             "peak_rss_mb": self.peak_rss_mb,
             "resets": self.resets,
             "refused": dict(self.refused),
+            "refused_first": dict(self.refused_first),
             "complete": self.complete,
             "incomplete_reason": self.incomplete_reason,
             "estimates": estimates,
