@@ -9,6 +9,8 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import StepTotals
 from vislam_ros.core.tracking.refusals import RefusedMessage
+from vislam_ros.data.bags import decoding
+from vislam_ros.data.bags.layout import DEFAULT_FRAMES
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.slam_report import SlamReport, row_from_values, step_values
 
@@ -24,8 +26,8 @@ def core(drive):
 def steps(core, drive):
     steps = []
     for prediction, features in zip(drive.predictions, drive.features, strict=True):
-        steps += core.add_prediction(*conversions.pose_from_odometry(prediction))
-        steps += core.add_features(*conversions.features_from_message(features))
+        steps += core.add_prediction(*decoding.pose(prediction))
+        steps += core.add_features(*decoding.features(features, DEFAULT_FRAMES))
     return steps
 
 
