@@ -67,13 +67,12 @@ def test_a_measured_twist_tells_twist_and_biases_and_that_a_vehicle_goes_where_i
     assert_allclose(correction(at_zero).noise[6:], slip[: rows - 6])
 
 
-def test_the_vehicle_state_walks_in_twist_and_biases_alone():
+def test_of_what_is_known_at_the_start_biases_walk_and_all_is_uncertain():
     settings = SlamSettings(
         prior_pose_variance=0.5, gyro_bias_walk_std=0.2, velocity_bias_walk_std=0.1
     )
-    Q = model.walk_covariance(settings, np.arange(1.0, 7.0), 0.5)
-    expected = [0.0] * 6 + [0.5, 1, 1.5, 2, 2.5, 3] + [0.02] * 3 + [0.005] * 2 + [0.0]
-    assert_allclose(Q, np.diag(expected))
+    expected = [0.0] * 12 + [0.04] * 3 + [0.01] * 2 + [0.0]
+    assert_allclose(model.walk_densities(settings), expected)
     prior = np.diag(model.prior_covariance(settings))
     assert_allclose(prior[model.POSE], 0.5)
     assert prior[model.LENS] == settings.lens_distortion_std**2

@@ -31,7 +31,7 @@ def test_correcting_by_landmarks_own_numbers_is_the_textbook_correction(componen
     innovation = H @ P @ H.T + np.diag(correction.noise.ravel())
     K, r = P @ H.T @ np.linalg.inv(innovation), correction.residual.ravel()
     if gated:
-        inverse = correction.inverse_in(state, np.empty((len(r), len(r))))
+        inverse = correction.inverse_in(state)
         inliers = deletion_gate(0.0, correction.residual, inverse)
         correction = DirectCorrection(
             r.reshape(shape), correction.noise, slots, components, inliers

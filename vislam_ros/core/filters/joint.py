@@ -152,7 +152,7 @@ class JointFilter:
         if not np.any(inliers):
             return Outcome(rejected=keys)
         try:
-            corrected = self._state.apply(seen.by(inliers, innovation))
+            corrected = self._state.apply(seen.by(inliers, innovation, self._state.scratch))
         except scipy.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             return Outcome(rejected=keys)

@@ -16,7 +16,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.linalg.linear_update import Corrected, correct, diagonal_blocks, whitened
+from vislam_ros.core.linalg.linear_update import (
+    Corrected,
+    Scratch,
+    correct,
+    diagonal_blocks,
+    take,
+    whitened,
+)
 from vislam_ros.core.operations.error_state import ErrorState, Operation
 
 Array = NDArray[np.float64]
@@ -67,27 +74,43 @@ class Correction(Operation[Corrected]):
 
     def innovation_in(self, state: ErrorState) -> Innovation:
         """Work out H P and S without multiplying by the zeros of H."""
-        P, s = state.covariance, state.vehicle_size
-        n, r = self.residual.shape
-        of_landmarks = P[s:].reshape(-1, 3, len(P))[self.slots]
-        HP = (self.H_vehicle @ P[:s] + self.H_landmark @ of_landmarks).reshape(n * r, len(P))
-        columns = HP.T[state.rows_of(self.slots).ravel()].reshape(n, 3, n * r)
-        S = (self.H_landmark @ columns).reshape(n * r, n * r)
+        P, s, scratch = state.covariance, state.vehicle_size, state.scratch
+        (n, r), D = self.residual.shape, len(P)
+        rows = state.rows_of(self.slots).ravel()
+        HP, S = scratch.matrix("HP", n * r, D), scratch.matrix("S", n * r, n * r)
+        P_L, work = scratch.matrix("P_L", 3 * n, D), scratch.matrix("work", n * r, D)
+        take(P, rows, np.arange(D), P_L)
+        np.matmul(self.H_vehicle, P[:s], out=HP.reshape(n, r, D))
+        np.matmul(self.H_landmark, P_L.reshape(n, 3, D), out=work.reshape(n, r, D))
+        HP += work
+        columns = HP.T[rows].reshape(n, 3, n * r)
+        np.matmul(self.H_landmark, columns, out=S.reshape(n, r, n * r))
         S += self.H_vehicle.reshape(n * r, s) @ HP.T[:s]
         blocks = S.reshape(n, r, n, r)
         blocks[np.arange(n), :, np.arange(n), :] += self.noise
         return Innovation(HP, S)
 
-    def by(self, inliers: NDArray[np.bool_], innovation: Innovation) -> "Correction":
+    def by(
+        self, inliers: NDArray[np.bool_], innovation: Innovation, scratch: Scratch
+    ) -> "Correction":
         """Return the correction by some (n,) of these landmarks, with an innovation of all."""
-        rows = np.repeat(inliers, self.residual.shape[1])
+        rows, D = (
+            np.flatnonzero(np.repeat(inliers, self.residual.shape[1])),
+            innovation.HP.shape[1],
+        )
+        HP, S = (
+            scratch.matrix("HP of inliers", len(rows), D),
+            scratch.matrix("S of inliers", len(rows), len(rows)),
+        )
+        take(innovation.HP, rows, np.arange(D), HP)
+        take(innovation.S, rows, rows, S)
         return Correction(
             self.residual[inliers],
             self.noise,
             self.H_vehicle[inliers],
             self.H_landmark[inliers],
             self.slots[inliers],
-            Innovation(innovation.HP[rows], innovation.S[np.ix_(rows, rows)]),
+            Innovation(HP, S),
         )
 
     def forward(self, state: ErrorState) -> Corrected:
