@@ -37,14 +37,25 @@ class Innovation(NamedTuple):
     HP : ndarray, (n r, D)
     S : ndarray, (n r, n r)
         ``H P H^T + R``.
+    r : int
     """
 
     HP: Array
     S: Array
+    r: int
 
-    def covariances(self, r: int) -> Array:
+    def covariances(self) -> Array:
         """Covariance (n, r, r) of each group's innovation."""
-        return diagonal_blocks(self.S, r)
+        return diagonal_blocks(self.S, self.r)
+
+    def of(self, groups: NDArray[np.bool_], scratch: Scratch) -> "Innovation":
+        """Return that of some groups (n,)."""
+        rows, columns = np.flatnonzero(np.repeat(groups, self.r)), np.arange(self.HP.shape[1])
+        HP = scratch.matrix("HP of some", len(rows), len(columns))
+        S = scratch.matrix("S of some", len(rows), len(rows))
+        take(self.HP, rows, columns, HP)
+        take(self.S, rows, rows, S)
+        return Innovation(HP, S, self.r)
 
 
 @dataclass(frozen=True)
@@ -88,35 +99,23 @@ class Correction(Operation[Corrected]):
         S += self.H_vehicle.reshape(n * r, s) @ HP.T[:s]
         blocks = S.reshape(n, r, n, r)
         blocks[np.arange(n), :, np.arange(n), :] += self.noise
-        return Innovation(HP, S)
+        return Innovation(HP, S, r)
 
-    def by(
-        self, inliers: NDArray[np.bool_], innovation: Innovation, scratch: Scratch
-    ) -> "Correction":
-        """Return the correction by some (n,) of these landmarks, with an innovation of all."""
-        rows, D = (
-            np.flatnonzero(np.repeat(inliers, self.residual.shape[1])),
-            innovation.HP.shape[1],
-        )
-        HP, S = (
-            scratch.matrix("HP of inliers", len(rows), D),
-            scratch.matrix("S of inliers", len(rows), len(rows)),
-        )
-        take(innovation.HP, rows, np.arange(D), HP)
-        take(innovation.S, rows, rows, S)
+    def by(self, inliers: NDArray[np.bool_], innovation: Innovation) -> "Correction":
+        """Return the correction by some (n,) of these landmarks, given their innovation."""
         return Correction(
             self.residual[inliers],
             self.noise,
             self.H_vehicle[inliers],
             self.H_landmark[inliers],
             self.slots[inliers],
-            Innovation(HP, S),
+            innovation,
         )
 
     def forward(self, state: ErrorState) -> Corrected:
         """``P <- P - Y^T Y``."""
-        HP, S = self.innovation or self.innovation_in(state)
-        return correct(state.covariance, S, HP, self.residual.ravel())
+        innovation = self.innovation or self.innovation_in(state)
+        return correct(state.covariance, innovation.S, innovation.HP, self.residual.ravel())
 
     def recorded(self) -> "Correction":
         """All but the innovation, which is large and can be worked out again."""
