@@ -9,12 +9,12 @@ never observed or moved), textbook equations and an explicit inverse: no active 
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.filters.joint import JointSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 class DenseJointFilter:
     """EKF over ``[xi; delta_1; ...; delta_N]`` where each delta is a landmark's or a clone's."""
 
-    def __init__(self, settings: SlamSettings, camera: StereoCamera, clone_poses: bool = False):
+    def __init__(self, settings: JointSettings, camera: StereoCamera, clone_poses: bool = False):
         self.settings = settings
         self.camera = camera
         self.observation = StereoObservation(camera, settings.pixel_variance)

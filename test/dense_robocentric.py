@@ -21,14 +21,15 @@ from plain_image_points import (
 )
 from scipy.linalg import expm
 
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
@@ -76,7 +77,7 @@ class DenseRobocentricFilter:
 
     def __init__(
         self,
-        settings: SlamSettings,
+        settings: RobocentricSettings,
         camera: StereoCamera,
         *,
         exchange: bool = False,
@@ -87,13 +88,16 @@ class DenseRobocentricFilter:
         self.exchange = exchange
         self.clone_poses = clone_poses
         self.told_V: Array = np.diag(settings.pixel_variance)
+        self.frame_rate = FrameRate()
         self.motion_noise = MotionNoise(
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
+            self.frame_rate,
         )
         self.track_noise = TrackNoise(
             np.diag(self.image_point_noise(1.0)).copy(),
             settings.disparity_offset_std,
+            self.frame_rate,
             learns=settings.learn_noise,
         )
         self.disparity_prior = DisparityPrior()
@@ -126,6 +130,7 @@ class DenseRobocentricFilter:
         self.marginalize([key for key in frame.ended.tolist() if key in self.place_of_key])
         tau = increment.duration
         if tau > 0:
+            self.frame_rate.add(tau)
             twist, variances = self.measure_twist(se3.log(increment.T) / tau, tau)
             self.move(tau)
         keys = frame.keys.tolist()
@@ -140,7 +145,7 @@ class DenseRobocentricFilter:
                 error = se3.log(increment.T) / tau - H @ self.estimate
                 unexplained = error**2 + np.diag(H @ self.P @ H.T)
                 after = np.diag(self.P)[TWIST]
-                self.motion_noise.learn(change, variances, after, unexplained, tau)
+                self.motion_noise.update(change, variances, after, unexplained, tau)
         self.initialize([keys[i] for i in new], frame.pixels[new], frame.copied[new].tolist())
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))
@@ -158,7 +163,7 @@ class DenseRobocentricFilter:
     def measure_twist(self, measured: Array, tau: float) -> tuple[Array, Array]:
         """Return the twist and its variances before it is measured."""
         settings = self.settings
-        self.motion_noise.hear(measured)
+        self.motion_noise.add(measured)
         self.P[TWIST, TWIST] += tau * np.diag(self.motion_noise.walk_variance)
         self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
         self.P[DRIFT, DRIFT] += settings.velocity_bias_walk_std**2 * tau * np.eye(2)
@@ -269,7 +274,7 @@ class DenseRobocentricFilter:
             each = np.kron(np.eye(len(kept)), some_rows)
             S_inverse = np.linalg.inv(H @ self.P @ H.T + R)
             information = np.diag(each.T @ S_inverse @ each).copy()
-            noise.see(slots[kept], residual[kept], information, each.T @ S_inverse @ innovation)
+            noise.update(slots[kept], residual[kept], information, each.T @ S_inverse @ innovation)
         self.marginalize(rejected)
         if len(H):
             self.update(H, R, innovation)
@@ -293,14 +298,14 @@ class DenseRobocentricFilter:
         z = self.image_points(pixels)
         points = z + self.estimate[LENS] * shift(self.camera, z).real
         spread = np.sqrt(self.told_V[1, 1] + self.told_V[3, 3])
-        self.track_noise.start((pixels[:, 1] - pixels[:, 3]) / spread)
+        self.track_noise.initialize_level((pixels[:, 1] - pixels[:, 3]) / spread)
         noises = list(self.track_noise.of_new_tracks(points))
         a = np.array([1.0, -1.0, 0.0])
         for y, noise, stale in zip(points, noises, copied, strict=True):
             if stale:
                 noise[1, 1] += (self.settings.stale_disparity * (a @ y)) ** 2
         if self.settings.disparity_prior and keys:
-            self.disparity_prior.hear(points @ a)
+            self.disparity_prior.add(points @ a)
             variances = np.array([a @ noise @ a for noise in noises])
             means, remaining = self.disparity_prior.posterior(points @ a, variances)
             for i, noise in enumerate(noises):
@@ -309,7 +314,7 @@ class DenseRobocentricFilter:
                 points[i] += gain * (means[i] - a @ points[i])
                 noise -= np.outer(gain, gain) * (variances[i] - remaining[i])
         for key, y, noise in zip(keys, points, noises, strict=True):
-            self.track_noise.begin(1)
+            self.track_noise.add(1)
             self.judged.append(key)
             self.place_of_key[key] = len(self.P)
             self.warped_places.append(len(self.P))
@@ -323,7 +328,7 @@ class DenseRobocentricFilter:
 
     def marginalize(self, keys: list[int]) -> None:
         """Observe landmarks no more."""
-        self.track_noise.end(np.isin(np.array(self.judged, dtype=np.int64), keys))
+        self.track_noise.remove(np.isin(np.array(self.judged, dtype=np.int64), keys))
         self.judged = [key for key in self.judged if key not in keys]
         for key in keys:
             place = self.place_of_key[key]

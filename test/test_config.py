@@ -10,7 +10,8 @@ import pytest
 from places import REPOSITORY
 
 from vislam_ros.cli.parameters import SETTINGS_OF_NODES
-from vislam_ros.core.settings import settings_from_dict
+from vislam_ros.core.filters.registry import estimator_named, estimator_names, unused_settings
+from vislam_ros.core.settings import SlamSettings, settings_from_dict
 from vislam_ros.data.files.parameter_file import read_parameters
 
 CONFIG = REPOSITORY / "config"
@@ -20,18 +21,37 @@ def names_of(cls):
     return {field.name for field in dataclasses.fields(cls)}
 
 
+def classes_of(node):
+    """Settings classes that a node takes parameters of, those of every estimator included."""
+    estimators = [estimator_named(name).settings for name in estimator_names()]
+    return [*SETTINGS_OF_NODES[node], *(estimators if node == "slam_node" else [])]
+
+
 @pytest.mark.parametrize("file", ["ekf.yaml", "report_table1.yaml"])
 def test_every_parameter_in_a_file_is_declared_and_valid(file):
     for node, values in read_parameters(CONFIG / file).items():
-        assert values.keys() <= set().union(*map(names_of, SETTINGS_OF_NODES[node]))
-        for cls in SETTINGS_OF_NODES[node]:
+        assert values.keys() <= set().union(*map(names_of, classes_of(node)))
+        for cls in classes_of(node):
             settings_from_dict(cls, {k: v for k, v in values.items() if k in names_of(cls)})
 
 
 def test_the_recommended_file_names_every_parameter():
     parameters = read_parameters(CONFIG / "ekf.yaml")
-    for node, classes in SETTINGS_OF_NODES.items():
-        assert parameters[node].keys() == set().union(*map(names_of, classes))
+    for node in SETTINGS_OF_NODES:
+        assert parameters[node].keys() == set().union(*map(names_of, classes_of(node)))
+
+
+def test_the_recommended_values_are_the_defaults_of_every_estimator():
+    for node, values in read_parameters(CONFIG / "ekf.yaml").items():
+        for cls in classes_of(node):
+            own = {k: v for k, v in values.items() if k in names_of(cls)}
+            if issubclass(cls, SlamSettings):
+                own["estimator"] = cls().estimator
+            assert settings_from_dict(cls, own) == cls()
+
+
+def test_the_report_s_table_sets_nothing_that_its_filter_does_not_use():
+    assert unused_settings(read_parameters(CONFIG / "report_table1.yaml")["slam_node"]) == ()
 
 
 def test_every_recommended_parameter_has_a_comment_above_it():

@@ -13,6 +13,7 @@ import pytest
 from places import REPOSITORY
 
 from vislam_ros.cli.main import main
+from vislam_ros.cli.screen import print_summary
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.data.trajectory import read_tum
 
@@ -125,13 +126,17 @@ def test_smoothed_poses_are_evaluated_and_drawn(smoothed, dataset, tmp_path, cap
     assert (tmp_path / "trajectory.png").exists()
 
 
-def test_the_bias_of_the_gyroscope_is_in_the_summary_where_it_is_estimated(
-    solved, dataset, tmp_path
+def test_what_is_estimated_is_in_the_summary_and_on_the_screen_where_it_is(
+    solved, dataset, tmp_path, capsys
 ):
-    assert len(read_results(solved).summary["gyro_bias"]) == 3
+    summary = read_results(solved).summary
+    assert len(summary["gyro_bias"]) == 3
+    print_summary("results", summary)
+    assert f"{summary['gyro_bias'][0]:.3g} ± " in capsys.readouterr().out
     argv = ["solve", dataset, "--out", tmp_path / "results", "--estimator", "dead_reckoning"]
     assert main([str(word) for word in argv]) == 0
     assert read_results(tmp_path / "results").summary["gyro_bias"] is None
+    assert "gyro bias" not in capsys.readouterr().out
 
 
 def test_an_estimator_that_cannot_be_smoothed_is_refused_before_anything_is_written(
@@ -163,7 +168,7 @@ def test_an_interrupted_run_is_told_apart(solved, tmp_path, capsys):
     assert "incomplete: the power went" in error_line(capsys, "verify", broken)
 
 
-def test_overrides_win_over_the_parameter_file(dataset, tmp_path):
+def test_overrides_win_over_the_parameter_file(dataset, tmp_path, capsys):
     params = tmp_path / "params.yaml"
     params.write_text(
         "/**: {ros__parameters: {use_sim_time: true, somebody_elses: 1}}\n"
@@ -175,7 +180,10 @@ def test_overrides_win_over_the_parameter_file(dataset, tmp_path):
     assert main([str(word) for word in argv]) == 0
     used = read_results(out).parameters["slam_node"]
     assert used["estimator"] == "dead_reckoning"
-    assert (used["chi2_gate"], used["seed"], used["feature_fraction"]) == (11.0, 3, 0.5)
+    assert (used["seed"], used["feature_fraction"]) == (3, 0.5)
+    assert "chi2_gate" not in used
+    told = "warning: slam_node: chi2_gate: set, but not used by estimator dead_reckoning"
+    assert told in capsys.readouterr().err.splitlines()
     assert read_results(out).summary["complete"] is True
 
 
@@ -196,6 +204,18 @@ def test_results_are_evaluated_as_a_table_and_as_json(solved, dataset, capsys):
     errors = json.loads(capsys.readouterr().out)
     assert errors["trajectory"]["poses"] == 60
     assert errors["trajectory"]["ate_m"]["rmse"] < 5.0
+
+
+def test_results_of_an_earlier_version_are_verified_evaluated_and_drawn(solved, dataset, tmp_path):
+    older = shutil.copytree(solved, tmp_path / "older")
+    rows = [line.split(",")[:11] for line in (older / "steps.csv").read_text().splitlines()]
+    (older / "steps.csv").write_text("".join(f"{','.join(row)}\n" for row in rows))
+    summary = json.loads((older / "summary.json").read_text())
+    del summary["estimates"]
+    (older / "summary.json").write_text(json.dumps(summary))
+    assert main(["verify", str(older)]) == 0
+    assert main(["evaluate", str(older), "--reference", str(dataset.with_suffix(".tum"))]) == 0
+    assert main(["plot", str(older)]) == 0
 
 
 def test_pictures_are_drawn_and_not_replaced_unasked(solved, dataset, tmp_path, capsys):

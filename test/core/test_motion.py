@@ -5,7 +5,7 @@ from numerics import difference, random_pose
 from numpy.testing import assert_allclose
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.motion import Increment, process_covariance, propagate
+from vislam_ros.core.motion import Increment, mean_twist, process_covariance, propagate
 from vislam_ros.core.settings import MotionSettings
 
 
@@ -44,3 +44,20 @@ def test_propagated_covariance_is_that_of_a_monte_carlo():
     sampled = np.cov(se3.log(se3.inverse(step) @ after).T)
     predicted = propagate(Sigma, Increment(step, 0.1, W))
     assert_allclose(sampled, predicted, atol=0.03 * np.abs(predicted).max())
+
+
+def test_the_twist_of_an_increment_has_the_covariance_of_a_monte_carlo():
+    rng = np.random.default_rng(7)
+    tau, step = 0.5, se3.exp([5.0, 0.5, -0.2, 0.1, -0.2, 0.6])
+    W = np.diag([1e-2, 2e-2, 3e-2, 1e-4, 2e-4, 3e-4])
+    noises = rng.multivariate_normal(np.zeros(6), W, 20000)
+    twist = mean_twist(Increment(step, tau, W))
+    assert_allclose(se3.exp(tau * twist.mean), step, atol=1e-12)
+    sampled = np.cov(se3.log(step @ se3.exp(noises)).T / tau)
+    assert_allclose(sampled, twist.covariance, atol=0.03 * np.abs(twist.covariance).max())
+
+
+def test_before_any_motion_the_twist_may_be_any_vehicle_s():
+    twist = mean_twist(Increment(np.eye(4), 0.0, np.zeros((6, 6))))
+    assert_allclose(twist.mean, 0.0)
+    assert_allclose(np.sqrt(np.diag(twist.covariance)), [50.0, 50.0, 50.0, 2.0, 2.0, 2.0])

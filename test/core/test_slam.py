@@ -10,8 +10,10 @@ from numerics import CAMERA
 from numpy.testing import assert_allclose
 from scenes import passing_scene
 
+from vislam_ros.core.filters.quantities import GYRO_BIAS
+from vislam_ros.core.filters.registry import estimator_names, slam_settings
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.settings import ESTIMATORS, SlamSettings
+from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.errors import SettingsError
 
@@ -34,7 +36,7 @@ PREDICTIONS, FEATURES = messages()
 
 
 def session(**values):
-    slam = Slam(SlamSettings(**values))
+    slam = Slam(slam_settings(values))
     slam.set_camera(CAMERA)
     return slam
 
@@ -66,7 +68,7 @@ def test_each_features_message_gives_one_step_with_its_stamp():
     assert [step.first_of_pass for step in EXPECTED] == [True] + [False] * 11
 
 
-@pytest.mark.parametrize("estimator", [e for e in ESTIMATORS if e != "localization"])
+@pytest.mark.parametrize("estimator", [e for e in estimator_names() if e != "localization"])
 def test_every_estimator_runs(estimator):
     steps = play(session(estimator=estimator))
     assert len(steps) == len(FEATURES)
@@ -74,14 +76,34 @@ def test_every_estimator_runs(estimator):
 
 
 def test_each_step_tells_the_gyro_bias_as_it_stood_where_the_estimator_has_one():
-    stds = np.array([step.gyro_bias_std for step in EXPECTED])
-    assert stds.shape == (len(FEATURES), 3)
-    assert_allclose(stds[0], SlamSettings().gyro_bias_std)
+    rows = [step.row() for step in EXPECTED]
+    biases, stds = (
+        np.array([[row[name] for name in names] for row in rows])
+        for names in (GYRO_BIAS.names, GYRO_BIAS.std_names)
+    )
+    assert_allclose(stds[0], slam_settings({}).gyro_bias_std)
     assert np.all(stds[-1] < stds[0])
-    assert len({step.gyro_bias.tobytes() for step in EXPECTED}) > 1
+    assert len({bias.tobytes() for bias in biases}) > 1
     for step in play(session(estimator="joint")):
-        assert step.gyro_bias is None
-        assert step.gyro_bias_std is None
+        assert step.estimates == ()
+
+
+def test_each_step_tells_the_twist_and_how_well_it_is_known():
+    truth = se3.log(se3.inverse(SCENE.T_world_body[-2]) @ SCENE.T_world_body[-1]) / 0.1
+    for estimator in ("robocentric", "joint", "dead_reckoning"):
+        steps = play(session(estimator=estimator))
+        # Before the first motion it may be any vehicle's.
+        assert_allclose(steps[0].twist, 0.0)
+        assert np.all(steps[0].twist_covariance.diagonal() >= 4.0)
+        last = steps[-1]
+        error = last.twist - truth
+        assert error @ np.linalg.solve(last.twist_covariance, error) < 22.5  # 0.999 of 6 degrees
+
+
+def test_the_twist_of_an_estimator_without_one_is_the_prediction_s_with_its_noise():
+    step = play(session(estimator="dead_reckoning", velocity_noise_std=0.3))[-1]
+    assert_allclose(step.twist, se3.log(SCENE.increments[-1].T) / (STEP * 1e-9), atol=1e-6)
+    assert_allclose(np.sqrt(step.twist_covariance.diagonal()[:3]), 0.3, rtol=0.01)
 
 
 @settings(max_examples=25, deadline=None)
@@ -325,4 +347,4 @@ def test_a_step_is_plain_data():
     assert dataclasses.is_dataclass(EXPECTED[0])
     assert EXPECTED[3].observed == len(FEATURES[3][1])
     assert EXPECTED[3].nis_dof == 3 * EXPECTED[3].used
-    assert EXPECTED[3].duration_ms > 0
+    assert EXPECTED[3].ms > 0

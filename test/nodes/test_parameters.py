@@ -6,9 +6,15 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from vislam_ros.core.filters.joint import JointSettings
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.errors import SettingsError
-from vislam_ros.nodes.parameters import declare_settings, undeclared_overrides
+from vislam_ros.nodes.parameters import (
+    declare_settings,
+    declare_slam_settings,
+    undeclared_overrides,
+)
 from vislam_ros.nodes.settings import SlamOutputSettings
 
 
@@ -26,8 +32,8 @@ def node_with(make_node):
 
 def test_defaults_are_those_of_the_dataclass(node_with):
     node = node_with()
-    assert declare_settings(node, SlamSettings) == SlamSettings()
-    for field in dataclasses.fields(SlamSettings):
+    assert declare_settings(node, RobocentricSettings) == RobocentricSettings()
+    for field in dataclasses.fields(RobocentricSettings):
         assert node.describe_parameter(field.name).description.startswith(
             field.metadata["description"]
         )
@@ -35,7 +41,7 @@ def test_defaults_are_those_of_the_dataclass(node_with):
 
 def test_overrides_reach_the_settings_and_whole_numbers_count_as_doubles(node_with):
     node = node_with(velocity_noise_std=2, pixel_variance=[1, 2, 3, 4], track_continuity=False)
-    settings = declare_settings(node, SlamSettings)
+    settings = declare_settings(node, RobocentricSettings)
     assert settings.velocity_noise_std == 2.0
     assert settings.pixel_variance == (1.0, 2.0, 3.0, 4.0)
     assert settings.track_continuity is False
@@ -56,10 +62,19 @@ def test_overrides_reach_the_settings_and_whole_numbers_count_as_doubles(node_wi
 def test_a_bad_value_is_refused_in_one_line_that_names_it(node_with, name, value):
     node = node_with(**{name: value})
     with pytest.raises(SettingsError) as error:
-        declare_settings(node, SlamSettings)
+        declare_slam_settings(node)
     message = str(error.value)
     assert name in message
     assert "\n" not in message
+
+
+def test_what_another_estimator_alone_uses_is_told_in_a_line_and_not_declared(node_with, capfd):
+    node = node_with(estimator="joint", min_disparity=2.0, learn_noise=False, slip_std=0.25)
+    settings = declare_slam_settings(node)
+    assert settings == JointSettings(min_disparity=2.0)
+    assert not node.has_parameter("learn_noise")
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.endswith("learn_noise: set, but not used by estimator joint")
 
 
 def test_what_cannot_change_at_run_time_is_read_only(node_with):

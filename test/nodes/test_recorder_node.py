@@ -18,6 +18,7 @@ from rosbags.highlevel import AnyReader
 
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam
+from vislam_ros.core.step import estimates_of
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.data.results.recording import Raw
@@ -62,12 +63,12 @@ def give_step(recorder, step, first_of_pass=None):
     odometry = conversions.odometry(
         step.stamp, "map", "base_link", step.position, step.quaternion, step.covariance
     )
-    values = step_values(step, latency_ms=1.5)
+    values = step_values(step.row(), latency_ms=1.5)
     if first_of_pass is not None:
         values["first_of_pass"] = first_of_pass
     give(recorder.on_odometry, ODOMETRY, odometry)
-    if step.gyro_bias is not None:
-        bias = conversions.vector3_stamped(step.stamp, "base_link", step.gyro_bias)
+    if step.estimates:
+        bias = conversions.vector3_stamped(step.stamp, "base_link", step.estimates[0].values)
         give(recorder.on_gyro_bias, GYRO_BIAS, bias)
     give(
         recorder.on_step,
@@ -135,14 +136,16 @@ def test_a_whole_run_is_complete_and_can_be_read(recorder, drive, answers, tmp_p
     assert results.summary["complete"] is True
     assert results.summary["steps"] == len(steps)
     assert results.summary["latency_ms_p50"] == 1.5
-    assert results.summary["gyro_bias"] == steps[-1].gyro_bias.tolist()
+    assert results.summary["gyro_bias"] == steps[-1].estimates[0].values.tolist()
+    assert results.summary["estimates"] == estimates_of(steps[-1].row())
     assert len(results.dead_reckoning) == len(drive.predictions)
     np.testing.assert_array_equal(results.landmarks.ids, landmarks.ids)
     np.testing.assert_array_equal(results.landmarks.generations, landmarks.generations)
     np.testing.assert_allclose(
         results.covariances, [s.covariance for s in steps], rtol=1e-9, atol=1e-15
     )
-    np.testing.assert_array_equal(results.steps["used"], [s.used for s in steps])
+    for name, column in results.steps.items():
+        assert column.tolist() == [step.row()[name] for step in steps], name
 
 
 def test_messages_are_kept_as_they_came_in_a_file_that_other_tools_open(
@@ -307,9 +310,11 @@ def test_an_estimator_without_a_bias_leaves_none_in_the_summary(
     recorder, drive, answers, tmp_path
 ):
     for step in answers[0]:
-        give_step(recorder, dataclasses.replace(step, gyro_bias=None, gyro_bias_std=None))
+        give_step(recorder, dataclasses.replace(step, estimates=()))
     recorder.recording.flush()
-    assert summary(tmp_path / "run")["gyro_bias"] is None
+    told = summary(tmp_path / "run")
+    assert told["gyro_bias"] is None
+    assert not [name for name in told["estimates"] if "velocity" not in name]
 
 
 def test_a_map_that_is_on_its_way_is_waited_for(

@@ -37,7 +37,7 @@ def solve_here(
     begin, cpu_begin = time.perf_counter(), cpu_clock()
     solution = solve(drive, slam_settings, prediction_settings)
     wall, cpu = time.perf_counter() - begin, cpu_clock() - cpu_begin
-    milliseconds = np.array([step.duration_ms for step in solution.steps])
+    milliseconds = np.array([step.ms for step in solution.steps])
     return {
         "name": "in this process",
         "steps": len(solution.steps),

@@ -13,8 +13,8 @@ from benchmark.watched_slam import FilterStep, WatchedSlam
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
-from vislam_ros.core.slam import SlamStep
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive
+from vislam_ros.core.step import SlamStep
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import associate_stamps
 from vislam_ros.data.solving import feed, trajectory_of

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from benchmark.interleaving import cpu_clock
 from benchmark.watched_slam import FilterStep, WatchedSlam
+from vislam_ros.core.filters.settings import ObservationSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera, pixels_of
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.slam import SlamStep
+from vislam_ros.core.step import SlamStep
 from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA
 from vislam_ros.data.trajectory import NANOSECONDS
 
@@ -121,7 +122,7 @@ class SteadySession:
         self._turnover = turnover
         self._scene = SwayingScene(active)
         self._filter_steps: deque[FilterStep] = deque(maxlen=100)
-        if settings.chi2_gate > 0:
+        if isinstance(settings, ObservationSettings) and settings.chi2_gate > 0:
             settings = dataclasses.replace(settings, chi2_gate=_GATE)
         self._slam = WatchedSlam(settings, self._filter_steps.append)
         self._slam.set_camera(CAMERA)

@@ -6,7 +6,6 @@ All are the report's Table I with one thing changed. Where the report gives no n
 large V or a large prior is), a hundredfold either way is taken.
 """
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
+from vislam_ros.core.filters.registry import replaced
+from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.solving import solve
@@ -96,7 +96,7 @@ class ExperimentResult:
     landmarks: Array
 
     def figures(self, reference: Trajectory | None) -> dict[str, float | int | None]:
-        """Return the numbers that tell experiments apart, in metres.
+        """Return the numbers in which experiments differ, in metres.
 
         ``from_dead_reckoning_m`` is the RMS distance of the two paths as they stand, from the
         same origin; ``landmark_distance_m`` that of a landmark to the nearest pose, the median,
@@ -146,7 +146,7 @@ def run_experiments(
     jobs: int,
     on_result: Callable[[str], None] | None = None,
 ) -> dict[str, ExperimentResult]:
-    """Run experiments, so many at a time; hears the name of each that has ended.
+    """Run experiments, so many at a time; call back with the name of each that has ended.
 
     Raises
     ------
@@ -167,10 +167,8 @@ def run_experiment(given: tuple[Drive, BaseSettings], name: str) -> ExperimentRe
     """Run one experiment."""
     drive, base = given
     experiment = EXPERIMENTS[name]
-    settings = dataclasses.asdict(base.slam[experiment.base]) | dict(experiment.changes)
-    solution = solve(
-        drive, settings_from_dict(SlamSettings, settings), base.prediction[experiment.base]
-    )
+    settings = replaced(base.slam[experiment.base], **dict(experiment.changes))
+    solution = solve(drive, settings, base.prediction[experiment.base])
     return ExperimentResult(
         solution.trajectory, solution.dead_reckoning, solution.landmarks.positions
     )

@@ -6,10 +6,17 @@ import argparse
 import dataclasses
 import os
 import sys
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from vislam_ros.core.filters.registry import (
+    setting_owners,
+    slam_settings,
+    unused_note,
+)
+from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import (
     PredictionSettings,
@@ -29,9 +36,10 @@ from vislam_ros.nodes.settings import (
 
 SETTINGS_OF_NODES: dict[str, tuple[Any, ...]] = {
     "imu_prediction_node": (PredictionNodeSettings, PredictionSettings),
-    "slam_node": (SlamNodeSettings, SlamOutputSettings, SlamSettings),
+    "slam_node": (SlamNodeSettings, SlamOutputSettings),
     "recorder_node": (RecorderSettings,),
 }
+"""The nodes' own; slam_node has those of its estimator, too."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +52,19 @@ class RunParameters:
         Node name to the parameters that the file and the command line set.
     slam, prediction : SlamSettings, PredictionSettings
     given_map : LandmarkMap or None
-        The map of the estimator ``localization``.
+        The map of an estimator that needs one.
     """
 
     given: dict[str, dict[str, Any]]
     slam: SlamSettings
     prediction: PredictionSettings
     given_map: LandmarkMap | None
+
+    @property
+    def slam_values(self) -> dict[str, Any]:
+        """Settings of estimators among what slam_node is given, of the chosen one or another."""
+        values = self.given["slam_node"]
+        return _among(values, setting_owners(values))
 
 
 def shared_file(name: str) -> Path | None:
@@ -84,41 +98,59 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
         "seed": arguments.seed,
         "map_file": arguments.map and str(arguments.map.resolve()),
     }
-    given, checked = {}, {}
-    for node, classes in SETTINGS_OF_NODES.items():
-        known = {field.name for cls in classes for field in dataclasses.fields(cls)}
-        values = {name: value for name, value in everyones.items() if name in known}
-        values.update(node_parameters(content, node))
+    given: dict[str, dict[str, Any]] = {}
+    checked: dict[Any, Any] = {}
+    for node in SETTINGS_OF_NODES:
+        own = node_parameters(content, node)
         if node == "slam_node":
-            values.update({k: v for k, v in overrides.items() if v is not None})
-        given[node] = values
-        checked[node] = _checked(f"{file}: " if file else "", node, classes, values)
-    slam = checked["slam_node"]
-    map_file = slam[SlamNodeSettings].map_file
-    if slam[SlamSettings].estimator == "localization" and not map_file:
+            own.update({name: value for name, value in overrides.items() if value is not None})
+        try:
+            known = _known(node, {**everyones, **own})
+            given[node] = {**_among(everyones, known), **own}
+            checked.update(_checked(node, known, given[node]))
+        except SettingsError as error:
+            raise SettingsError(f"{f'{file}: ' if file else ''}{node}: {error}") from error
+    slam = checked[SlamSettings]
+    if isinstance(slam, GivenMapSettings) and not slam.map_file:
         raise SettingsError(
-            "estimator: localization needs a map: add --map with the landmarks.npz of a run"
+            f"estimator: {slam.estimator} needs a map: add --map with the landmarks.npz of a run"
         )
+    map_file = given["slam_node"].get("map_file")
     return RunParameters(
         given=given,
-        slam=slam[SlamSettings],
-        prediction=checked["imu_prediction_node"][PredictionSettings],
+        slam=slam,
+        prediction=checked[PredictionSettings],
         given_map=read_landmarks(Path(map_file)) if map_file else None,
     )
 
 
-def _checked(
-    where: str, node: str, classes: tuple[Any, ...], values: dict[str, Any]
-) -> dict[Any, Any]:
-    """Settings by class, of one node's parameters; ``where`` begins each error."""
-    names = {cls: {field.name for field in dataclasses.fields(cls)} for cls in classes}
-    known = set().union(*names.values())
-    try:
-        for name in sorted(set(values) - known - {"use_sim_time"}):
-            raise SettingsError(f"{name}: no such parameter{nearest_name(name, known)}")
-        return {
-            cls: settings_from_dict(cls, {k: v for k, v in values.items() if k in names[cls]})
-            for cls in classes
-        }
-    except SettingsError as error:
-        raise SettingsError(f"{where}{node}: {error}") from error
+def report_unused(parameters: RunParameters) -> None:
+    """Print a line where parameters were set that the estimator does not use."""
+    note = unused_note(parameters.given["slam_node"])
+    if note:
+        print(f"warning: slam_node: {note}", file=sys.stderr)
+
+
+def _known(node: str, values: Mapping[str, Any]) -> set[str]:
+    """Names of the parameters that a node with these values may be given."""
+    known = {name for cls in SETTINGS_OF_NODES[node] for name in _names(cls)}
+    return known | setting_owners(values).keys() if node == "slam_node" else known
+
+
+def _checked(node: str, known: set[str], values: Mapping[str, Any]) -> dict[Any, Any]:
+    """Settings by class, of one node's parameters; slam_node's estimator's as SlamSettings."""
+    for name in sorted(values.keys() - known - {"use_sim_time"}):
+        raise SettingsError(f"{name}: no such parameter{nearest_name(name, known)}")
+    classes = SETTINGS_OF_NODES[node]
+    settings = {cls: settings_from_dict(cls, _among(values, _names(cls))) for cls in classes}
+    if node == "slam_node":
+        settings[SlamSettings] = slam_settings(_among(values, setting_owners(values)))
+    return settings
+
+
+def _names(cls: Any) -> set[str]:
+    return {field.name for field in dataclasses.fields(cls)}
+
+
+def _among(values: Mapping[str, Any], names: Container[str]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name in names}

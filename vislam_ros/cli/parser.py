@@ -4,12 +4,12 @@
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
 from vislam_ros import __version__
-from vislam_ros.core.settings import ESTIMATORS
+from vislam_ros.core.filters.registry import estimator_names
 from vislam_ros.nodes.player.options import PlayOptions
 
 _PLAY = PlayOptions()
@@ -371,7 +371,13 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--params", type=Path, metavar="FILE", help="ROS parameter file (config/ekf.yaml)"
     )
-    parser.add_argument("--estimator", choices=ESTIMATORS)
+    names = estimator_names()
+    parser.add_argument(
+        "--estimator",
+        type=_one_of(names, ":", "module:Class"),
+        metavar="NAME",
+        help=f"{', '.join(names)}, or module:Class of your own",
+    )
     parser.add_argument(
         "--fraction", type=_number(0, 1), metavar="F", help="share of the tracks to use"
     )
@@ -458,6 +464,19 @@ def _range_text(low: float, high: float) -> str:
     if high < math.inf:
         return f"from {low:g} to {high:g}"
     return "a finite number" if low == -math.inf else f"a finite number from {low:g} on"
+
+
+def _one_of(names: Sequence[str], mark: str, other: str) -> Callable[[str], str]:
+    """Argument type of one of some names, or of another kind of text that has a mark in it."""
+
+    def name(text: str) -> str:
+        if text not in names and mark not in text:
+            raise argparse.ArgumentTypeError(
+                f"{text!r} is none of {', '.join(names)}, nor {other}"
+            )
+        return text
+
+    return name
 
 
 def _assignment(text: str) -> tuple[str, str]:

@@ -4,12 +4,15 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import zip_longest
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
+
+from vislam_ros.core.filters.quantities import OF_ROBOCENTRIC
 
 _SUMMARY_ROWS = (
     ("estimator", "estimator", "{}"),
@@ -20,7 +23,7 @@ _SUMMARY_ROWS = (
     ("observations", "observations", "{}"),
     ("rejected_fraction", "rejected", "{:.2%}"),
     ("nis_per_dof", "NIS per degree of freedom", "{:.2f}"),
-    ("gyro_bias", "gyro bias [rad/s]", "{}"),
+    ("estimates", "", ""),
     ("wall_s", "first to last step [s]", "{:.2f}"),
     ("total_s", "whole command [s]", "{:.2f}"),
     ("realtime_factor", "times real time", "{:.1f}"),
@@ -74,11 +77,26 @@ def print_summary(title: str, summary: Mapping[str, Any]) -> None:
         value = summary.get(key)
         if value is None or value == {}:
             continue
-        if key == "gyro_bias":
-            value = ", ".join(f"{component:+.5f}" for component in value)
-        elif key == "refused":
+        if key == "estimates":
+            rows.update(_estimate_rows(value))
+            continue
+        if key == "refused":
             value = ", ".join(f"{count} {reason}" for reason, count in value.items())
         elif isinstance(value, bool):
             value = "yes" if value else "no"
         rows[label] = style.format(value)
     print_table(title, rows)
+
+
+def _estimate_rows(estimates: Mapping[str, float | None]) -> dict[str, str]:
+    """Last values of what the filter estimates for the whole drive, with their deviations."""
+    rows = {}
+    for quantity in OF_ROBOCENTRIC:
+        texts = []
+        for name, std_name in zip_longest(quantity.names, quantity.std_names):
+            value, std = estimates.get(name), estimates.get(std_name)
+            if value is not None:
+                texts.append(f"{value:.3g}" if std is None else f"{value:.3g} ± {std:.2g}")
+        if texts:
+            rows[quantity.label] = ", ".join(texts)
+    return rows

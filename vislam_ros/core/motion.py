@@ -3,6 +3,7 @@
 """Motion over a step: the pose increment, its noise, and how an error travels along it."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,9 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import MotionSettings
 
 Array = NDArray[np.float64]
+
+FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
+"""Before the first motion nothing is known of the twist but that it is a vehicle's."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,33 @@ class Increment:
     def transition(self) -> Array:
         """Matrix ``F = Ad(T^-1)`` (6, 6) that carries an earlier error over the step."""
         return se3.adjoint(se3.inverse(self.T))
+
+
+class Twist(NamedTuple):
+    """Twist of the body in its own axes.
+
+    Attributes
+    ----------
+    mean : ndarray, (6,)
+        ``[v; omega]``, metres and radians a second.
+    covariance : ndarray, (6, 6)
+    """
+
+    mean: Array
+    covariance: Array
+
+
+def mean_twist(increment: Increment) -> Twist:
+    """Twist that moves the body by an increment in its time, with the increment's noise.
+
+    ``Log(T Exp(w)) = Log(T) + J_r^-1 w`` to first order.
+    """
+    tau = increment.duration
+    if not tau:
+        return Twist(np.zeros(6), np.diag(FIRST_TWIST_STD**2))
+    xi = se3.log(increment.T)
+    J = np.linalg.inv(tau * se3.right_jacobian(xi))
+    return Twist(xi / tau, J @ increment.covariance @ J.T)
 
 
 def process_covariance(settings: MotionSettings, duration: float, share: float = 1.0) -> Array:

@@ -18,15 +18,6 @@ from vislam_ros.errors import SettingsError
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-ESTIMATORS = (
-    "robocentric",
-    "joint",
-    "block_diagonal",
-    "mapping",
-    "localization",
-    "dead_reckoning",
-)
-
 
 def setting(
     default: Any,
@@ -96,128 +87,9 @@ class PredictionSettings(MotionSettings):
 
 @dataclass(frozen=True)
 class SlamSettings(MotionSettings):
-    """Settings of the SLAM filters."""
+    """Settings of every SLAM session; those of an estimator of its own are a class of these."""
 
-    estimator: str = setting(
-        "robocentric",
-        "Which filter runs",
-        choices=ESTIMATORS,
-    )
-    velocity_walk_std: float = setting(
-        0.31,
-        "Random walk of the velocity on each axis, white acceleration noise [m/s/sqrt(s)]; "
-        "estimator robocentric",
-        minimum=0.0,
-    )
-    angular_velocity_walk_std: float = setting(
-        0.05,
-        "Random walk of the angular velocity on each axis [rad/s/sqrt(s)]; estimator robocentric",
-        minimum=0.0,
-    )
-    gyro_bias_std: float = setting(
-        0.02,
-        "Prior standard deviation of the gyroscope's bias on each axis [rad/s]; 0 means that "
-        "there is none; estimator robocentric",
-        minimum=0.0,
-    )
-    gyro_bias_walk_std: float = setting(
-        0.0,
-        "Random walk of the gyroscope's bias [rad/s/sqrt(s)]; estimator robocentric",
-        minimum=0.0,
-    )
-    velocity_bias_std: float = setting(
-        0.3,
-        "Prior standard deviation of the slow error of the measured velocity's y and z [m/s]; 0 "
-        "means that there is none; estimator robocentric",
-        minimum=0.0,
-    )
-    velocity_bias_walk_std: float = setting(
-        0.03,
-        "Random walk of that error [m/s/sqrt(s)]; estimator robocentric",
-        minimum=0.0,
-    )
-    slip_std: float = setting(
-        0.25,
-        "White noise of a vehicle's velocity across the direction it points in [m/s sqrt(s)]; 0 "
-        "for bodies that move in any direction; estimator robocentric",
-        minimum=0.0,
-    )
-    axle_distance: float = setting(
-        2.0,
-        "How far from the body's origin, ahead or behind, the axle may be that does not slip [m]; "
-        "turning sways the origin by as much times the turn rate; estimator robocentric",
-        minimum=0.0,
-    )
-    learn_noise: bool = setting(
-        True,
-        "Learn the noise of the tracks and the twist's random walk as the filter goes; what is "
-        "told is the start; estimator robocentric",
-    )
-    disparity_offset_std: float = setting(
-        0.5,
-        "Error of a disparity that stays for the life of its track [px], where the drive shows "
-        "such errors; 0 means that there is none; estimator robocentric",
-        minimum=0.0,
-    )
-    disparity_prior: bool = setting(
-        True,
-        "Take the first disparity of a landmark with what those of the drive's others tell of it; "
-        "estimator robocentric",
-    )
-    lens_distortion_std: float = setting(
-        0.03,
-        "Prior standard deviation of the radial distortion that rectification has left; 0 means "
-        "that there is none; estimator robocentric",
-        minimum=0.0,
-    )
-    min_observations: int = setting(
-        8,
-        "A frame that sees fewer known landmarks corrects nothing: a few cannot outvote a wrong "
-        "one; estimator robocentric",
-        minimum=1,
-    )
-    stale_disparity: float = setting(
-        0.0,
-        "Relative error of the disparity of a track that begins at a repeated pixel; estimator "
-        "robocentric",
-        minimum=0.0,
-    )
-    landmark_initialization: str = setting(
-        "correlated",
-        "Covariance of a new landmark: correlated (J P J^T + R, with its cross-covariance) or "
-        "the report's independent (landmark_prior_variance times the identity, none)",
-        choices=("correlated", "independent"),
-    )
-    landmark_prior_variance: float = setting(
-        0.5,
-        "Variance of each axis of a new landmark [m^2], with landmark_initialization: "
-        "independent and in the estimators mapping and block_diagonal",
-        minimum=0.0,
-    )
-    pixel_variance: tuple[float, ...] = setting(
-        (1.0, 1.0, 1.0, 1.0),
-        "Variances of u_left, v_left, u_right, v_right [px^2]; four equal ones make the filter "
-        "use three exact rows in place of four",
-        minimum=1e-12,
-    )
-    chi2_gate: float = setting(
-        16.27,
-        "An observation whose squared Mahalanobis distance (3 degrees of freedom) is larger is "
-        "rejected; 0 turns the gate off",
-        minimum=0.0,
-    )
-    pixel_gate: float = setting(
-        0.0,
-        "An observation farther than this from its prediction is rejected [px]; 0 turns the "
-        "gate off",
-        minimum=0.0,
-    )
-    min_disparity: float = setting(
-        1.0,
-        "Observations with a smaller disparity are not used by filters that hold landmarks in "
-        "metres [px]",
-        minimum=1e-3,
-    )
+    estimator: str = setting("robocentric", "Which filter runs, or module:Class of your own")
     retire_after: int = setting(
         1,
         "A landmark unseen for this many feature frames leaves the dense block and its track",
@@ -245,11 +117,6 @@ class SlamSettings(MotionSettings):
         "Tracks that the predicted motion moves by less than this (median of a frame) may "
         "repeat their pixels honestly, as those of a standing car do [px]",
         minimum=0.0,
-    )
-    planar: bool = setting(
-        False,
-        "The mapping estimator keeps every landmark at z = 0 and estimates x and y, as the "
-        "report does",
     )
     feature_fraction: float = setting(
         1.0,

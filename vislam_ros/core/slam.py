@@ -8,99 +8,27 @@ and values alone, never on when a message happened to arrive.
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vislam_ros.core.filters.block_diagonal import BlockDiagonalFilter
-from vislam_ros.core.filters.dead_reckoning import DeadReckoningEstimator
-from vislam_ros.core.filters.estimator import Estimator, Outcome
-from vislam_ros.core.filters.joint import JointFilter
-from vislam_ros.core.filters.localization import LocalizationFilter
-from vislam_ros.core.filters.mapping import MappingFilter
-from vislam_ros.core.filters.robocentric import RobocentricFilter
+from vislam_ros.core.filters.estimator import Estimator
+from vislam_ros.core.filters.registry import Surroundings, completed, estimator_named
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion import Increment, mean_twist
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_drive
 from vislam_ros.core.smoothing.tape import Tape
+from vislam_ros.core.step import SlamStep
 from vislam_ros.core.tracking.pairing import PredictedPath
 from vislam_ros.core.tracking.time_order import Refusal, TimeOrder
-from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 from vislam_ros.core.tracking.tracks import Tracks
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
-
-SMOOTHABLE = ("robocentric", "joint")
-"""Estimators that can be smoothed."""
-
-
-def require_smoothable(settings: SlamSettings) -> None:
-    """Raise a SettingsError where the estimator cannot be smoothed."""
-    if settings.estimator not in SMOOTHABLE:
-        raise SettingsError(
-            f"estimator: {settings.estimator!r} cannot be smoothed; use {' or '.join(SMOOTHABLE)}"
-        )
-
-
-@dataclass(frozen=True)
-class SlamStep:
-    """The estimate after one features message, and what was done with it.
-
-    Attributes
-    ----------
-    stamp : int
-        The features message's, nanoseconds.
-    position, quaternion : ndarray, (3,), (4,)
-        Body in the map; x, y, z, w.
-    covariance : ndarray, (6, 6)
-        Of the pose error ``[rho; theta]`` on the right.
-    T_map_odom : ndarray, (4, 4)
-        Carries the predicted pose of the same stamp into the map.
-    first_of_pass : bool
-        Whether the estimate began with this step.
-    frozen : bool
-        Whether the frame repeats the last one's pixels (see tracks).
-    observed, used, rejected, admitted : int
-        Observations in the frame; those that corrected the state, failed a gate, began a
-        landmark.
-    active, landmarks : int
-        Landmarks that are tracked, and all there are.
-    tracks : int
-        Different ids so far.
-    nis, nis_dof : float, int
-        Normalised innovation squared of the used observations, and its degrees of freedom.
-    duration_ms : float
-        Time that the step took, milliseconds.
-    gyro_bias, gyro_bias_std : ndarray, (3,), or None
-        Bias of the gyroscope and its standard deviations, radians a second; None where the
-        estimator has none.
-    """
-
-    stamp: int
-    position: Array
-    quaternion: Array
-    covariance: Array
-    T_map_odom: Array
-    first_of_pass: bool
-    frozen: bool
-    observed: int
-    used: int
-    rejected: int
-    admitted: int
-    active: int
-    landmarks: int
-    tracks: int
-    nis: float
-    nis_dof: int
-    duration_ms: float
-    gyro_bias: Array | None
-    gyro_bias_std: Array | None
 
 
 @dataclass(frozen=True)
@@ -116,9 +44,10 @@ class Slam:
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : SlamSettings, optional
+        Of the chosen estimator; of its own ones, the defaults where they are not among these.
     given_map : LandmarkMap, optional
-        The map of the estimator ``localization``.
+        The map of an estimator that needs one; the others do not look at it.
     record : bool, optional
         Whether to record what :meth:`smoothed` needs: some 15 (``joint``) or 50 kB a step.
 
@@ -140,17 +69,21 @@ class Slam:
 
     def __init__(
         self,
-        settings: SlamSettings,
+        settings: SlamSettings | None = None,
         given_map: LandmarkMap | None = None,
         *,
         record: bool = False,
     ):
+        settings = completed(settings or SlamSettings())
+        self._registration = estimator_named(settings.estimator)
         if record:
-            require_smoothable(settings)
-        if settings.estimator == "localization" and given_map is None:
-            raise SettingsError("estimator: 'localization' needs a map; set map_file to one")
+            self._registration.require_smoothable()
+        if self._registration.needs_map and given_map is None:
+            raise SettingsError(
+                f"estimator: {settings.estimator!r} needs a map; set map_file to one"
+            )
         self._settings = settings
-        self._given_map = given_map
+        self._given_map = given_map if self._registration.needs_map else None
         self._record = record
         self._camera: StereoCamera | None = None
         self.refused: Counter[str] = Counter()
@@ -175,7 +108,8 @@ class Slam:
         settings = self._settings
         self._pass = pass_number
         self._estimator: Estimator | None = None
-        self._tape = Tape() if self._record else None
+        smoothable = self._registration.smoothable
+        self._tape = Tape() if self._record and smoothable else None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
         self._tracks = Tracks(
@@ -357,57 +291,37 @@ class Slam:
             self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp
         path.forget_before(frame.stamp)
-        return self._report(begin, frame, path, first, tracked, outcome, self._estimator)
-
-    def _report(
-        self,
-        begin: float,
-        frame: _PendingFrame,
-        path: PredictedPath,
-        first: bool,
-        tracked: TrackedFrame,
-        outcome: Outcome,
-        estimator: Estimator,
-    ) -> SlamStep:
-        T = estimator.T_world_body
-        bias, bias_std = estimator.gyro_bias, estimator.gyro_bias_std
+        T = self._estimator.T_world_body
+        twist = outcome.twist or mean_twist(increment)
         return SlamStep(
             stamp=frame.stamp,
-            position=T[:3, 3].copy(),
-            quaternion=se3.quaternion_from_rotation(T[:3, :3]),
-            covariance=estimator.pose_covariance,
-            T_map_odom=T @ se3.inverse(path.pose(frame.stamp)),
-            first_of_pass=first,
             frozen=tracked.frozen,
-            observed=len(frame.ids),
+            active=self._estimator.active,
             used=outcome.used,
             rejected=len(outcome.rejected),
+            observed=len(frame.ids),
             admitted=outcome.admitted,
-            active=estimator.active,
-            landmarks=estimator.landmark_count,
-            tracks=self._tracks.ids_seen,
+            landmarks=self._estimator.landmark_count,
             nis=outcome.nis,
             nis_dof=outcome.nis_dof,
-            duration_ms=(time.perf_counter() - begin) * 1e3,
-            gyro_bias=None if bias is None else bias.copy(),
-            gyro_bias_std=None if bias_std is None else bias_std.copy(),
+            tracks=self._tracks.ids_seen,
+            first_of_pass=first,
+            position=T[:3, 3].copy(),
+            quaternion=se3.quaternion_from_rotation(T[:3, :3]),
+            covariance=self._estimator.pose_covariance,
+            twist=twist.mean,
+            twist_covariance=twist.covariance,
+            T_map_odom=T @ se3.inverse(path.pose(frame.stamp)),
+            estimates=outcome.estimates,
+            ms=(time.perf_counter() - begin) * 1e3,
         )
 
     def _new_estimator(self, camera: StereoCamera) -> Estimator:
-        settings = self._settings
-        makers: dict[str, Callable[[], Estimator]] = {
-            "robocentric": lambda: RobocentricFilter(settings, camera, self._tape),
-            "joint": lambda: JointFilter(settings, camera, self._tape),
-            "block_diagonal": lambda: BlockDiagonalFilter(settings, camera),
-            "mapping": lambda: MappingFilter(settings, camera),
-            "dead_reckoning": lambda: DeadReckoningEstimator(settings),
-        }
-        if self._given_map is not None and settings.estimator == "localization":
-            tracks = self._tracks
-            return LocalizationFilter(
-                settings, camera, self._given_map, lambda keys: tracks.identity(keys)[0]
-            )
-        return makers[settings.estimator]()
+        tracks = self._tracks
+        given = Surroundings(
+            camera, self._tape, self._given_map, lambda keys: tracks.identity(keys)[0]
+        )
+        return self._registration.make(self._settings, given)
 
     def _motion_expected(self, camera: StereoCamera, increment: Increment) -> bool:
         """Tell whether the predicted motion moves the last frame's pixels noticeably."""

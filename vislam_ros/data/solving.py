@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning, Prediction
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
-from vislam_ros.core.slam import Slam, SlamStep
+from vislam_ros.core.slam import Slam
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive
+from vislam_ros.core.step import SlamStep
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.trajectory import Trajectory
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Asking other nodes for their parameters, without waiting."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -13,16 +13,19 @@ from rclpy.task import Future
 
 Parameters = dict[str, dict[str, Any]]
 
+# Declared by rclpy for every node.
+_RCLPYS = {"use_sim_time", "start_type_description_service"}
+
 
 class ParameterQuery:
-    """Asks each of some nodes once.
+    """Asks each of some nodes once for all that it declares.
 
     Parameters
     ----------
     node : Node
         The one that asks.
-    names : mapping of str to sequence of str
-        Parameters to ask for, by node.
+    others : iterable of str
+        Names of those that are asked.
     on_answer : callable
         Called with a node's name and values for each node that answers.
     """
@@ -30,15 +33,18 @@ class ParameterQuery:
     def __init__(
         self,
         node: Node,
-        names: Mapping[str, Sequence[str]],
+        others: Iterable[str],
         on_answer: Callable[[str, dict[str, Any]], None],
     ):
-        self._names = names
         self._on_answer = on_answer
-        self._unasked: dict[str, Client] = {
-            other: node.create_client(GetParameters, f"{other}/get_parameters") for other in names
+        self._unasked: dict[str, tuple[Client, Client]] = {
+            other: (
+                node.create_client(ListParameters, f"{other}/list_parameters"),
+                node.create_client(GetParameters, f"{other}/get_parameters"),
+            )
+            for other in others
         }
-        self._unanswered = set(names)
+        self._unanswered = set(self._unasked)
 
     @property
     def complete(self) -> bool:
@@ -47,17 +53,23 @@ class ParameterQuery:
 
     def ask(self) -> None:
         """Ask the nodes that are here and were not asked yet."""
-        for other, client in list(self._unasked.items()):
-            if client.service_is_ready():
+        for other, (names, values) in list(self._unasked.items()):
+            if names.service_is_ready() and values.service_is_ready():
                 del self._unasked[other]
-                future = client.call_async(GetParameters.Request(names=list(self._names[other])))
-                future.add_done_callback(lambda future, other=other: self._take(other, future))
+                # No deeper than this lie the parameters of the nodes, and not those of QoS.
+                future = names.call_async(ListParameters.Request(depth=1))
+                future.add_done_callback(
+                    lambda future, other=other, values=values: self._ask_values(
+                        other, values, future
+                    )
+                )
 
-    def _take(self, other: str, future: Future) -> None:
-        names, values = self._names[other], future.result().values
+    def _ask_values(self, other: str, client: Client, future: Future) -> None:
+        names = [name for name in future.result().result.names if name not in _RCLPYS]
+        asked = client.call_async(GetParameters.Request(names=names))
+        asked.add_done_callback(lambda future: self._take(other, names, future))
+
+    def _take(self, other: str, names: list[str], future: Future) -> None:
         self._unanswered.discard(other)
-        known = {
-            name: parameter_value_to_python(value)
-            for name, value in zip(names, values, strict=False)
-        }
-        self._on_answer(other, {name: value for name, value in known.items() if value is not None})
+        values = map(parameter_value_to_python, future.result().values)
+        self._on_answer(other, dict(zip(names, values, strict=False)))

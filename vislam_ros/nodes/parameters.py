@@ -4,7 +4,7 @@
 
 import dataclasses
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -16,7 +16,8 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from vislam_ros.core.settings import nearest_name, settings_from_dict
+from vislam_ros.core.filters.registry import setting_owners, slam_settings, unused_note
+from vislam_ros.core.settings import SlamSettings, nearest_name, settings_from_dict
 from vislam_ros.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -62,24 +63,41 @@ def declare_settings(node: Node, cls: type[S], on_change: Callable[[S], None] | 
     return settings
 
 
-def setting_names(*classes: "type[DataclassInstance]") -> tuple[str, ...]:
-    """Names of the parameters that some settings dataclasses declare."""
-    return tuple(field.name for cls in classes for field in dataclasses.fields(cls))
+def declare_slam_settings(node: Node) -> SlamSettings:
+    """Declare the parameters of the chosen estimator and return their values.
+
+    Those of other estimators are checked and not declared: they change nothing, and a line in
+    the log tells so where one was given other than its default. A name that no estimator and no
+    declared parameter has is told, too, so this comes last.
+
+    Raises
+    ------
+    SettingsError
+        As :func:`declare_settings`, and where there is no such estimator.
+    """
+    overrides = _overrides(node)
+    values = {name: overrides[name] for name in setting_owners(overrides) if name in overrides}
+    settings = declare_settings(node, type(slam_settings(values)))
+    note = unused_note(values)
+    if note:
+        node.get_logger().warning(note)
+    warn_of_undeclared_overrides(node, known=values)
+    return settings
 
 
-def undeclared_overrides(node: Node) -> dict[str, str]:
-    """Names given to a node that it does not declare, each with a hint at one it does."""
+def undeclared_overrides(node: Node, known: Container[str] = ()) -> dict[str, str]:
+    """Names given to a node that are neither declared nor known, with a hint at one declared."""
     declared = list(node.get_parameters_by_prefix(""))
     return {
         name: nearest_name(name, declared)
         for name in _overrides(node)
-        if not node.has_parameter(name)
+        if not node.has_parameter(name) and name not in known
     }
 
 
-def warn_of_undeclared_overrides(node: Node) -> None:
-    """Log a line for each override that rclpy would pass over in silence."""
-    for name, hint in undeclared_overrides(node).items():
+def warn_of_undeclared_overrides(node: Node, known: Container[str] = ()) -> None:
+    """Log a line for each override that rclpy would pass over in silence, but for those known."""
+    for name, hint in undeclared_overrides(node, known).items():
         node.get_logger().warning(f"{name}: no such parameter, it has no effect{hint}")
 
 

@@ -22,7 +22,6 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.bags.layout import LATCHED_QOS, STREAM_QOS, Topic
 from vislam_ros.data.results.recording import Pose, Raw, Recording
 from vislam_ros.errors import SettingsError
@@ -30,19 +29,10 @@ from vislam_ros.nodes import conversions
 from vislam_ros.nodes.conversions import MessageError
 from vislam_ros.nodes.diagnostics import Monitor
 from vislam_ros.nodes.parameter_query import ParameterQuery
-from vislam_ros.nodes.parameters import (
-    declare_settings,
-    setting_names,
-    warn_of_undeclared_overrides,
-)
+from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
 from vislam_ros.nodes.qos import LATCHED, STREAM
-from vislam_ros.nodes.settings import (
-    PredictionNodeSettings,
-    RecorderSettings,
-    SlamNodeSettings,
-    SlamOutputSettings,
-)
-from vislam_ros.nodes.slam_report import gyro_bias_from_values, statistics_from_values
+from vislam_ros.nodes.settings import RecorderSettings
+from vislam_ros.nodes.slam_report import row_from_values
 from vislam_ros.nodes.spin import run
 from vislam_ros.nodes.stamp_pairs import StampPairs
 
@@ -60,11 +50,8 @@ GRACE_SECONDS = 5.0
 ANSWER_SECONDS = 5.0
 """How long it waits for the nodes' parameters, and for the map where nobody offers one."""
 
-QUERIED = {
-    "imu_prediction_node": setting_names(PredictionNodeSettings, PredictionSettings),
-    "slam_node": setting_names(SlamNodeSettings, SlamOutputSettings, SlamSettings),
-}
-"""Parameters that go into ``params.yaml``, by node."""
+QUERIED = ("imu_prediction_node", "slam_node")
+"""Nodes whose parameters go into ``params.yaml``."""
 
 _TICK_SECONDS = 0.2
 
@@ -129,24 +116,16 @@ class RecorderNode(Node):
 
     def on_step(self, message: DiagnosticArray, raw: Raw) -> None:
         """Take what a step did."""
-        values = conversions.status_values(message, "slam_step")
+        row, latency_ms = row_from_values(conversions.status_values(message, "slam_step"))
         stamp = conversions.stamp_from_message(message.header.stamp)
-        self._add_step(stamp, self._pairs.add(1, stamp, (values, raw)))
+        self._add_step(stamp, self._pairs.add(1, stamp, (row, latency_ms, raw)))
 
     def _add_step(self, stamp: int, pair: tuple[Any, Any] | None) -> None:
         self.monitor.absorb("pairs", Counter(unpaired=self._pairs.unpaired))
         if pair is None:
             return
-        (pose, covariance), (values, raw_values) = pair
-        self.recording.add_step(
-            pose,
-            covariance,
-            statistics_from_values(stamp, values),
-            raw_values,
-            gyro_bias_from_values(values),
-            latency_ms=float(values["latency_ms"]),
-            first_of_pass=values["first_of_pass"] == "true",
-        )
+        (pose, covariance), (row, latency_ms, raw_row) = pair
+        self.recording.add_step(pose, covariance, row, raw_row, latency_ms=latency_ms)
         self._steps += 1
         self._last_progress = time.monotonic()
         self._query.ask()

@@ -39,14 +39,11 @@ class SlamNodeSettings(FrameSettings):
 
     map_frame: str = setting("map", "Frame of the estimate")
     camera_frame: str = setting("camera_left_optical", "Frame of the stereo features")
-    map_file: str = setting(
-        "", "landmarks.npz of an earlier run: the given map of estimator: localization"
-    )
     exact_map: bool = setting(
         True,
-        "Record the drive (robocentric and joint), so that the map on request and at a pass's end "
-        "is the exact one of the filter over all landmarks; takes some 50 kB a step, and the node "
-        "does nothing else for some 5 ms a step while it goes back",
+        "Record the drive (where the estimator can be smoothed), so that the map on request and "
+        "at a pass's end is the exact one of the filter over all landmarks; takes some 50 kB a "
+        "step, and the node does nothing else for some 5 ms a step while it goes back",
     )
 
 

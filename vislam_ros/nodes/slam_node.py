@@ -9,6 +9,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import threadpoolctl
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped, Vector3Stamped
@@ -17,17 +18,20 @@ from nav_msgs.msg import Path as PathMessage
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
+from vislam_ros.core.filters.quantities import GYRO_BIAS
+from vislam_ros.core.filters.registry import estimator_named
+from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.slam import SMOOTHABLE, Slam, SlamStep
+from vislam_ros.core.slam import Slam
+from vislam_ros.core.step import SlamStep
 from vislam_ros.data.bags import layout
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor
-from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
+from vislam_ros.nodes.parameters import declare_settings, declare_slam_settings
 from vislam_ros.nodes.qos import LATCHED
 from vislam_ros.nodes.settings import SlamNodeSettings, SlamOutputSettings
 from vislam_ros.nodes.slam_report import SlamReport, step_values
@@ -42,12 +46,12 @@ class SlamNode(Node):
         super().__init__("slam_node", **options)
         self._settings = declare_settings(self, SlamNodeSettings)
         self._output = declare_settings(self, SlamOutputSettings, self._change_output)
-        slam_settings = declare_settings(self, SlamSettings)
-        warn_of_undeclared_overrides(self)
+        slam_settings = declare_slam_settings(self)
         given_map = None
-        if slam_settings.estimator == "localization" and self._settings.map_file:
-            given_map = read_landmarks(Path(self._settings.map_file))
-        record = self._settings.exact_map and slam_settings.estimator in SMOOTHABLE
+        if isinstance(slam_settings, GivenMapSettings) and slam_settings.map_file:
+            given_map = read_landmarks(Path(slam_settings.map_file))
+        smoothable = estimator_named(slam_settings.estimator).smoothable
+        record = self._settings.exact_map and smoothable
         self.core = Slam(slam_settings, given_map, record=record)
         self._calibration: dict[str, Any] = {}
         self._camera: StereoCamera | None = None
@@ -142,21 +146,26 @@ class SlamNode(Node):
             step.position,
             step.quaternion,
             step.covariance,
+            step.twist,
+            step.twist_covariance,
         )
         self.monitor.publish(self._odometry, odometry)
         now = time.monotonic()
         latency_ms = 1e3 * (now - self._received_at.pop(step.stamp, now))
+        row = step.row()
         self.monitor.publish(
             self._steps,
             conversions.status_array(
                 odometry.header.stamp,
-                [conversions.status("slam_step", step_values(step, latency_ms))],
+                [conversions.status("slam_step", step_values(row, latency_ms))],
                 settings.map_frame,
             ),
         )
-        if step.gyro_bias is not None:
-            bias = conversions.vector3_stamped(step.stamp, settings.base_frame, step.gyro_bias)
-            self.monitor.publish(self._gyro_bias, bias)
+        for estimate in step.estimates:
+            if estimate.quantity == GYRO_BIAS:
+                bias = np.asarray(estimate.values)
+                message = conversions.vector3_stamped(step.stamp, settings.base_frame, bias)
+                self.monitor.publish(self._gyro_bias, message)
         if output.publish_tf and self._tf.works:
             self._tf.send(
                 conversions.transform(
@@ -170,7 +179,7 @@ class SlamNode(Node):
         if output.path_length:
             self._path.append((step.stamp, step.position, step.quaternion))
         self._last_stamp = step.stamp
-        self._report.add(step)
+        self._report.add(step, row)
         if self._is_time_for_landmarks(step.stamp, now):
             self._publish_landmarks(step.stamp, self.core.landmarks())
             self._publish_path(step.stamp)

@@ -6,10 +6,9 @@ from numerics import CAMERA
 from numpy.testing import assert_allclose
 from scenes import passing_scene
 
-from vislam_ros.core.filters.block_diagonal import BlockDiagonalFilter
+from vislam_ros.core.filters.block_diagonal import BlockDiagonalFilter, BlockDiagonalSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.observation import StereoObservation
-from vislam_ros.core.settings import SlamSettings
 
 NO_GATES = {"chi2_gate": 0.0, "pixel_gate": 0.0}
 
@@ -70,7 +69,7 @@ class DenseBlockDiagonal:
 
 @pytest.mark.parametrize("initialization", ["correlated", "independent"])
 def test_it_is_the_dense_filter_with_its_cross_covariance_set_to_zero(initialization):
-    settings = SlamSettings(landmark_initialization=initialization, **NO_GATES)
+    settings = BlockDiagonalSettings(landmark_initialization=initialization, **NO_GATES)
     scene = passing_scene(11)
     fast, dense = BlockDiagonalFilter(settings, CAMERA), DenseBlockDiagonal(settings)
     for increment, frame in zip(scene.increments, scene.frames, strict=True):
@@ -89,7 +88,7 @@ def test_it_is_the_dense_filter_with_its_cross_covariance_set_to_zero(initializa
 
 def test_it_corrects_the_drift_of_the_prediction():
     scene = passing_scene(12, steps=60)
-    slam = BlockDiagonalFilter(SlamSettings(), CAMERA)
+    slam = BlockDiagonalFilter(BlockDiagonalSettings(), CAMERA)
     T = np.eye(4)
     for increment, frame in zip(scene.increments, scene.frames, strict=True):
         slam.step(increment, frame)

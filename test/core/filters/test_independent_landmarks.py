@@ -4,12 +4,11 @@ import numpy as np
 from numerics import CAMERA
 from scenes import STANDING, frame_of
 
-from vislam_ros.core.filters.mapping import MappingFilter
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.filters.mapping import MappingFilter, MappingSettings
 
 
 def test_the_least_disparity_that_is_used_is_the_one_that_is_set():
-    filter_ = MappingFilter(SlamSettings(min_disparity=6.0), CAMERA)
+    filter_ = MappingFilter(MappingSettings(min_disparity=6.0), CAMERA)
     pixels = np.array([[600.0, 180.0, 594.0, 180.0], [600.0, 180.0, 594.5, 180.0]])
     assert filter_.step(STANDING, frame_of([4, 5], pixels)).admitted == 1
     assert filter_.landmarks()[0].tolist() == [4]
@@ -17,7 +16,7 @@ def test_the_least_disparity_that_is_used_is_the_one_that_is_set():
 
 
 def test_a_landmark_that_was_rejected_stays_in_the_map_and_is_active_no_more():
-    filter_ = MappingFilter(SlamSettings(), CAMERA)
+    filter_ = MappingFilter(MappingSettings(), CAMERA)
     pixels = np.array([[600.0, 180.0, 580.0, 180.0], [300.0, 180.0, 280.0, 180.0]])
     filter_.step(STANDING, frame_of([1, 2], pixels))
     pixels[1] += 500.0

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scenes import STANDING, frame_of
 from tracked_drive import run, trying_drive
 
-from vislam_ros.core.filters.joint import JointFilter
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.filters.joint import JointFilter, JointSettings
 from vislam_ros.data.drive import Drive
 
 
@@ -26,7 +25,7 @@ def drive() -> Drive:
 def test_pose_and_active_landmarks_are_the_dense_filters(
     drive: Drive, initialization: str, pixel_variance: tuple[float, ...], chi2_gate: float
 ) -> None:
-    settings = SlamSettings(
+    settings = JointSettings(
         landmark_initialization=initialization,
         pixel_variance=pixel_variance,
         chi2_gate=chi2_gate,
@@ -54,7 +53,7 @@ def test_pose_and_active_landmarks_are_the_dense_filters(
 
 
 def test_the_least_disparity_that_is_used_is_the_one_that_is_set() -> None:
-    filter_ = JointFilter(SlamSettings(min_disparity=6.0), CAMERA)
+    filter_ = JointFilter(JointSettings(min_disparity=6.0), CAMERA)
     pixels = np.array([[600.0, 180.0, 594.0, 180.0], [600.0, 180.0, 594.5, 180.0]])
     assert filter_.step(STANDING, frame_of([4, 5], pixels)).admitted == 1
     assert filter_.keys.tolist() == [4]
@@ -70,7 +69,7 @@ def image_of(count: int) -> NDArray[np.float64]:
 
 
 def test_where_the_innovations_covariance_is_not_positive_landmarks_are_given_up() -> None:
-    filter_ = JointFilter(SlamSettings(chi2_gate=0.0, pixel_gate=0.0), CAMERA)
+    filter_ = JointFilter(JointSettings(chi2_gate=0.0, pixel_gate=0.0), CAMERA)
     pixels = image_of(20)
     filter_.step(STANDING, frame_of(np.arange(20), pixels))
     pose_covariance = filter_.pose_covariance

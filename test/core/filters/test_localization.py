@@ -6,11 +6,10 @@ from numerics import CAMERA
 from numpy.testing import assert_allclose
 from scenes import passing_scene
 
-from vislam_ros.core.filters.localization import LocalizationFilter
+from vislam_ros.core.filters.localization import LocalizationFilter, LocalizationSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.core.settings import SlamSettings
 
 
 def map_of(positions):
@@ -28,7 +27,7 @@ def ids_of_keys(keys):
 
 
 def test_it_is_the_plain_filter_of_the_reports_equations_55_to_61():
-    settings = SlamSettings(chi2_gate=0.0)
+    settings = LocalizationSettings(chi2_gate=0.0)
     scene = passing_scene(16)
     model = StereoObservation(CAMERA, settings.pixel_variance)
     localization = LocalizationFilter(settings, CAMERA, map_of(scene.landmarks), ids_of_keys)
@@ -53,7 +52,7 @@ def test_pose_errors_fit_their_covariance():
     for seed in range(40):
         scene = passing_scene(seed, steps=12)
         localization = LocalizationFilter(
-            SlamSettings(chi2_gate=0.0), CAMERA, map_of(scene.landmarks), ids_of_keys
+            LocalizationSettings(chi2_gate=0.0), CAMERA, map_of(scene.landmarks), ids_of_keys
         )
         for increment, frame in zip(scene.increments, scene.frames, strict=True):
             localization.step(increment, frame)
@@ -71,8 +70,8 @@ def test_an_id_with_several_landmarks_takes_the_one_that_fits():
         np.concatenate([scene.landmarks + np.array([0.0, 30.0, 0.0]), scene.landmarks]),
         np.zeros((2 * n, 3, 3)),
     )
-    one = LocalizationFilter(SlamSettings(), CAMERA, map_of(scene.landmarks), ids_of_keys)
-    two = LocalizationFilter(SlamSettings(), CAMERA, both, ids_of_keys)
+    one = LocalizationFilter(LocalizationSettings(), CAMERA, map_of(scene.landmarks), ids_of_keys)
+    two = LocalizationFilter(LocalizationSettings(), CAMERA, both, ids_of_keys)
     for increment, frame in zip(scene.increments, scene.frames, strict=True):
         one.step(increment, frame)
         assert two.step(increment, frame).used > 0
@@ -82,7 +81,7 @@ def test_an_id_with_several_landmarks_takes_the_one_that_fits():
 def test_landmarks_that_the_map_lacks_are_passed_over():
     scene = passing_scene(18)
     few = map_of(scene.landmarks[:5])
-    localization = LocalizationFilter(SlamSettings(), CAMERA, few, ids_of_keys)
+    localization = LocalizationFilter(LocalizationSettings(), CAMERA, few, ids_of_keys)
     outcomes = [
         localization.step(increment, frame)
         for increment, frame in zip(scene.increments, scene.frames, strict=True)

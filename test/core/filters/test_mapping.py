@@ -6,16 +6,15 @@ from numerics import CAMERA
 from numpy.testing import assert_allclose
 from scenes import STANDING, frame_of, passing_scene, pixels_of
 
-from vislam_ros.core.filters.mapping import MappingFilter
+from vislam_ros.core.filters.mapping import MappingFilter, MappingSettings
 from vislam_ros.core.geometry.observation import StereoObservation
-from vislam_ros.core.settings import SlamSettings
 
 NO_GATES = {"chi2_gate": 0.0, "pixel_gate": 0.0}
 
 
 @pytest.mark.parametrize("initialization", ["correlated", "independent"])
 def test_it_is_the_dense_filter_of_the_reports_equations_43_to_47(initialization):
-    settings = SlamSettings(landmark_initialization=initialization, **NO_GATES)
+    settings = MappingSettings(landmark_initialization=initialization, **NO_GATES)
     scene = passing_scene(13)
     mapping = MappingFilter(settings, CAMERA)
     model = StereoObservation(CAMERA, settings.pixel_variance)
@@ -52,7 +51,7 @@ def test_planar_landmarks_stay_on_the_ground_and_move_in_x_and_y():
     rng = np.random.default_rng(14)
     truth = np.column_stack([rng.uniform(8, 20, 10), rng.uniform(-4, 4, 10), np.zeros(10)])
     exact = pixels_of(np.eye(4), truth)
-    mapping = MappingFilter(SlamSettings(planar=True, **NO_GATES), CAMERA)
+    mapping = MappingFilter(MappingSettings(planar=True, **NO_GATES), CAMERA)
     errors = []
     for _ in range(30):
         mapping.step(STANDING, frame_of(np.arange(10), exact + rng.standard_normal(exact.shape)))
@@ -69,7 +68,7 @@ def test_map_errors_fit_their_covariances():
         [rng.uniform(5, 12, 300), rng.uniform(-3, 3, 300), rng.uniform(-1, 1, 300)]
     )
     exact = pixels_of(np.eye(4), truth)
-    mapping = MappingFilter(SlamSettings(**NO_GATES), CAMERA)
+    mapping = MappingFilter(MappingSettings(**NO_GATES), CAMERA)
     for _ in range(20):
         mapping.step(STANDING, frame_of(np.arange(300), exact + rng.standard_normal(exact.shape)))
     _, means, covariances = mapping.landmarks()

@@ -7,16 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dense_robocentric import DenseRobocentricFilter
+from dense_robocentric import BIAS, DRIFT, LENS, TWIST, DenseRobocentricFilter
 from numpy.typing import NDArray
 from scenes import STANDING, frame_of
 from tracked_drive import run, trying_drives
 
+from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.robocentric import RobocentricFilter
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA
 
@@ -26,6 +27,23 @@ Array = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def drives() -> dict[str, Drive]:
     return trying_drives(steps=24, landmarks=120, seed=6)
+
+
+def told_numbers(outcome: Outcome) -> list[Array]:
+    return [np.array(list(estimate.numbers().values())) for estimate in outcome.estimates]
+
+
+def dense_numbers(dense: DenseRobocentricFilter) -> list[Array]:
+    """What the filter tells of itself, from the dense one's state, covariance and noise."""
+    std = np.sqrt(np.diag(dense.P))
+    pixel_variance = dense.track_noise.level * np.mean(np.diag(dense.told_V))
+    twist_std = np.sqrt(dense.motion_noise.twist_variance)
+    walk_std = np.sqrt(dense.motion_noise.walk_variance)
+    return [
+        *(np.append(dense.estimate[rows], std[rows]) for rows in (BIAS, DRIFT, LENS)),
+        *(np.array([level]) for level in (pixel_variance**0.5, twist_std[0], twist_std[5])),
+        *(walk_std[:3], walk_std[3:]),
+    ]
 
 
 @pytest.mark.parametrize("kind", ["white", "offsets"])
@@ -47,7 +65,7 @@ def test_state_and_covariance_are_the_dense_filters(
 ) -> None:
     drive = drives[kind]
     usual = {"retire_after": 2, "rest_after_rejection": 2, "stale_disparity": 0.05}
-    settings = SlamSettings(**{**usual, "pixel_variance": pixel_variance, **changes})
+    settings = RobocentricSettings(**{**usual, "pixel_variance": pixel_variance, **changes})
     filter_ = RobocentricFilter(settings, drive.camera)
     dense = DenseRobocentricFilter(settings, drive.camera)
     rejected = copied = 0
@@ -72,6 +90,9 @@ def test_state_and_covariance_are_the_dense_filters(
             (filter_.pose_covariance, dense.P[:6, :6]),
             (state, dense.estimate[rows[6:]]),
             (filter_.covariance, dense.P[np.ix_(rows, rows)]),
+            (outcome.twist.mean, dense.estimate[TWIST]),
+            (outcome.twist.covariance, dense.P[TWIST, TWIST]),
+            *zip(told_numbers(outcome), dense_numbers(dense), strict=True),
         ]:
             np.testing.assert_allclose(ours, plain, rtol=0, atol=1e-9)
     assert dense.track_noise.has_offsets == (kind == "offsets" and settings.learn_noise)
@@ -94,7 +115,7 @@ def filter_that_sees(
 ) -> RobocentricFilter:
     """Drive past points (n, 3) at a constant twist, which the filter is told with noise."""
     twist_rng, pixel_rng = map(np.random.default_rng, (11, 12))
-    filter_ = RobocentricFilter(SlamSettings(**settings), CAMERA)
+    filter_ = RobocentricFilter(RobocentricSettings(**settings), CAMERA)
     keys = np.arange(len(points_body))
     for k in range(steps):
         noisy = twist + np.repeat([0.5, 0.05], 3) * twist_rng.standard_normal(6)
@@ -258,7 +279,7 @@ def test_absurd_input_leaves_the_estimate_finite(
 ) -> None:
     rng = np.random.default_rng(14)
     u, v = rng.uniform(100, 1100, 20), rng.uniform(50, 300, 20)
-    filter_ = RobocentricFilter(SlamSettings(chi2_gate=chi2_gate), CAMERA)
+    filter_ = RobocentricFilter(RobocentricSettings(chi2_gate=chi2_gate), CAMERA)
     for _ in range(20):
         pixels = np.column_stack([u, v, u - disparity, v])
         pixels += pixel_noise * rng.standard_normal(pixels.shape)
@@ -272,7 +293,7 @@ def drifting(bias: Array, **settings: Any) -> RobocentricFilter:
     points = np.column_stack(
         [rng.uniform(10, 90, 200), rng.uniform(-12, 12, 200), rng.uniform(-2, 5, 200)]
     )
-    filter_ = RobocentricFilter(SlamSettings(**settings), CAMERA)
+    filter_ = RobocentricFilter(RobocentricSettings(**settings), CAMERA)
     for k in range(60):
         T = se3.inverse(se3.exp(k * SECONDS * FORWARD) @ CAMERA.T_body_camera)
         seen = points @ T[:3, :3].T + T[:3, 3]
@@ -306,7 +327,7 @@ def test_a_velocity_measured_in_a_wrong_direction_is_found_out() -> None:
 def test_a_turning_body_may_sway_where_its_origin_is_not_on_the_axle() -> None:
     # The origin is 2 m ahead of the axle, and the vehicle turns by 0.4 rad/s.
     turning = np.array([8.0, 0.8, 0.0, 0.0, 0.0, 0.4])
-    filters = [RobocentricFilter(SlamSettings(axle_distance=d), CAMERA) for d in (2.0, 0.0)]
+    filters = [RobocentricFilter(RobocentricSettings(axle_distance=d), CAMERA) for d in (2.0, 0.0)]
     for filter_ in filters:
         for _ in range(20):
             filter_.step(increment(turning), frame_of(np.arange(0), np.empty((0, 4))))
@@ -316,7 +337,7 @@ def test_a_turning_body_may_sway_where_its_origin_is_not_on_the_axle() -> None:
 
 def test_a_vehicle_that_nobody_sees_goes_where_it_points() -> None:
     sideways = FORWARD + np.array([0, 0.3, 0, 0, 0, 0])
-    filters = [RobocentricFilter(SlamSettings(slip_std=s), CAMERA) for s in (0.25, 0.0)]
+    filters = [RobocentricFilter(RobocentricSettings(slip_std=s), CAMERA) for s in (0.25, 0.0)]
     for filter_ in filters:
         for _ in range(100):
             filter_.step(increment(sideways), frame_of(np.arange(0), np.empty((0, 4))))

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from tracked_drive import run
 
+from vislam_ros.core.filters.quantities import GYRO_BIAS
 from vislam_ros.core.filters.robocentric import RobocentricFilter
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 
 SEEDS = range(10)
@@ -20,27 +21,36 @@ def pose_nees(estimator, simulated, k):
     return error @ np.linalg.solve(estimator.pose_covariance, error) / 6
 
 
+def twist_nees(twist, simulated, k, tau):
+    """NEES by degree of the body's twist, in its own axes, over the step that ends with pose k."""
+    before, after = simulated.T_world_body[k - 1 : k + 1]
+    error = twist.mean - se3.log(se3.inverse(before) @ after) / tau
+    return error @ np.linalg.solve(twist.covariance, error) / 6
+
+
 @pytest.mark.parametrize(
     "frozen_share", [0.0, 0.1], ids=["seen throughout", "frozen now and then"]
 )
-def test_pose_and_bias_errors_fit_their_covariance(frozen_share):
-    of_poses, of_biases, nis, dof = [], [], 0.0, 0
+def test_pose_twist_and_bias_errors_fit_their_covariance(frozen_share):
+    of_poses, of_twists, of_biases, nis, dof = [], [], [], 0.0, 0
     for seed in SEEDS:
         simulated = simulate(
             SimulationSettings(
                 steps=80, landmarks=400, outlier_share=0.0, frozen_share=frozen_share, seed=seed
             )
         )
-        settings = SlamSettings()
+        settings = RobocentricSettings()
         estimator = RobocentricFilter(settings, simulated.drive.camera)
-        for k, (_, _, outcome) in enumerate(run(estimator, simulated.drive, settings)):
+        for k, (motion, _, outcome) in enumerate(run(estimator, simulated.drive, settings)):
             nis, dof = nis + outcome.nis, dof + outcome.nis_dof
             if k and k % 20 == 19:
                 of_poses.append(pose_nees(estimator, simulated, k))
-        bias_error = estimator.gyro_bias - 0.002
-        of_biases.append(np.mean((bias_error / estimator.gyro_bias_std) ** 2))
+                of_twists.append(twist_nees(outcome.twist, simulated, k, motion.duration))
+        bias = next(told for told in outcome.estimates if told.quantity == GYRO_BIAS)
+        of_biases.append(np.mean(((bias.values - 0.002) / bias.std) ** 2))
     # Short drives with blind steps leave the filter on its cautious prior of the motion.
     assert 0.3 < np.mean(of_poses) < 1.6
+    assert 0.3 < np.mean(of_twists) < 1.6
     assert 0.3 < np.mean(of_biases) < 2.5
     assert 0.85 < nis / dof < 1.1
 
@@ -65,8 +75,8 @@ def test_errors_that_disparities_keep_are_known_for_what_they_are():
                 seed=seed,
             )
         )
-        known.append(nees_at_the_end(simulated, SlamSettings()))
-        unknown.append(nees_at_the_end(simulated, SlamSettings(disparity_offset_std=0.0)))
+        known.append(nees_at_the_end(simulated, RobocentricSettings()))
+        unknown.append(nees_at_the_end(simulated, RobocentricSettings(disparity_offset_std=0.0)))
     # It is told twenty times the noise, and takes its time to find that out.
     assert 0.15 < np.mean(known) < 1.4
     assert np.mean(unknown) > 2 * np.mean(known)

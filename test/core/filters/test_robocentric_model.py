@@ -6,10 +6,10 @@ from numerics import CAMERA, difference
 from numpy.testing import assert_allclose
 
 from vislam_ros.core.filters import robocentric_model as model
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.warp import warp
-from vislam_ros.core.settings import SlamSettings
 
 TWIST = np.array([8.0, 0.4, -0.2, 0.02, -0.05, 0.3])
 SECONDS = 0.1
@@ -68,7 +68,7 @@ def test_a_measured_twist_tells_twist_and_biases_and_that_a_vehicle_goes_where_i
 
 
 def test_of_what_is_known_at_the_start_biases_walk_and_all_is_uncertain():
-    settings = SlamSettings(
+    settings = RobocentricSettings(
         prior_pose_variance=0.5, gyro_bias_walk_std=0.2, velocity_bias_walk_std=0.1
     )
     expected = [0.0] * 12 + [0.04] * 3 + [0.01] * 2 + [0.0]

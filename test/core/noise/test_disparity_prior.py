@@ -17,7 +17,7 @@ def scene(count, seed=61):
 def learned(measured):
     prior = DisparityPrior()
     for part in np.array_split(measured, 40):
-        prior.hear(part)
+        prior.add(part)
     return prior
 
 
@@ -45,8 +45,10 @@ def test_a_disparity_far_above_the_noise_stays():
 def test_what_contradicts_the_prior_is_left_as_it_is():
     prior = learned(scene(2000)[1])
     measured, variance = np.array([-190.0, -8.0]), np.full(2, 2.0)
-    for found, told in zip(prior.posterior(measured, variance), (measured, variance), strict=True):
-        assert_array_equal(found, told)
+    for found, given in zip(
+        prior.posterior(measured, variance), (measured, variance), strict=True
+    ):
+        assert_array_equal(found, given)
 
 
 def test_there_is_no_prior_before_a_hundred_landmarks_nor_where_all_are_far():
@@ -59,12 +61,12 @@ def test_there_is_no_prior_before_a_hundred_landmarks_nor_where_all_are_far():
     assert mean.shape == remaining.shape == (0,)
 
 
-def test_an_image_point_moves_along_with_its_disparity_and_its_covariance_tells():
+def test_an_image_point_moves_along_with_its_disparity_and_its_covariance_says():
     prior = learned(scene(2000)[1])
     y = np.array([[500.0, 498.5, 100.0], [700.0, 693.0, 50.0]])
     noise = np.tile(np.diag([1.0, 3.0, 0.5]), (2, 1, 1))
     mean, remaining = prior.posterior(y[:, 0] - y[:, 1], np.full(2, 4.0))
-    moved, left = prior.applied(y, noise)
+    moved, left = prior.apply(y, noise)
     assert_allclose(moved[:, 0] - moved[:, 1], mean)
     assert_allclose(left[:, 0, 0] + left[:, 1, 1] - 2 * left[:, 0, 1], remaining)
     # The worse of the two columns moves three times as far, the row not at all.

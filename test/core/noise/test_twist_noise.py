@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from vislam_ros.core.noise.twist_noise import TwistNoise
+from vislam_ros.core.noise.frame_rate import FrameRate
+from vislam_ros.core.noise.twist_noise import TwistNoise, white_noise_std
 
 Array = NDArray[np.float64]
 
@@ -13,7 +14,7 @@ PRIOR = np.repeat([0.5, 0.05], 3)
 
 
 def estimated(samples: Array, prior: Array = PRIOR) -> Array:
-    noise = TwistNoise(prior)
+    noise = TwistNoise(prior, FrameRate())
     for sample in samples:
         noise.add(sample)
     return noise.std
@@ -84,9 +85,23 @@ def test_it_follows_a_noise_that_changes() -> None:
 
 
 def test_every_estimate_is_finite_and_of_standing_samples_small() -> None:
-    noise = TwistNoise(PRIOR)
+    noise = TwistNoise(PRIOR, FrameRate())
     for _ in range(400):
         noise.add(np.zeros(6))
         assert np.all(np.isfinite(noise.std))
         assert np.all(noise.std >= 0)
     assert np.all(noise.std < 0.01 * PRIOR)
+
+
+def test_half_a_minute_is_remembered_at_any_rate(rate: FrameRate) -> None:
+    noise, memory = TwistNoise(PRIOR, rate), 30 * rate.hertz
+    louder, quiet = white(0.5, 2 * memory), white(0.05, memory + 10)
+    for sample in louder:
+        noise.add(sample)
+    for sample in quiet[: 2 * memory // 5]:
+        noise.add(sample)
+    # Most of the last half minute was louder.
+    assert np.all(noise.std > 2 * np.repeat([0.05, 0.005], 3))
+    for sample in quiet[2 * memory // 5 :]:
+        noise.add(sample)
+    assert_allclose(noise.std, white_noise_std(np.abs(np.diff(quiet, 3, axis=0))), rtol=0.05)

@@ -9,9 +9,8 @@ import pytest
 from dense_reference import DenseJointFilter
 from tracked_drive import gappy_drive, run, trying_drive
 
-from vislam_ros.core.filters.joint import JointFilter
+from vislam_ros.core.filters.joint import JointFilter, JointSettings
 from vislam_ros.core.operations.error_state import ErrorState
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothing import tape
 from vislam_ros.core.smoothing.backward import smooth
 from vislam_ros.core.smoothing.tape import Tape
@@ -24,7 +23,7 @@ def drive() -> Drive:
     return trying_drive(steps=40, landmarks=240, seed=5)
 
 
-def settings_of(**changes: object) -> SlamSettings:
+def settings_of(**changes: object) -> JointSettings:
     settings = {
         "min_disparity": 6.0,
         "retire_after": 2,
@@ -33,10 +32,10 @@ def settings_of(**changes: object) -> SlamSettings:
         "prior_pose_variance": 1e-4,
         **changes,
     }
-    return SlamSettings(**settings)  # type: ignore[arg-type]
+    return JointSettings(**settings)  # type: ignore[arg-type]
 
 
-def record(drive: Drive, settings: SlamSettings) -> tuple[JointFilter, Tape]:
+def record(drive: Drive, settings: JointSettings) -> tuple[JointFilter, Tape]:
     recorded = Tape()
     filter_ = JointFilter(settings, drive.camera, recorded)
     for _ in run(filter_, drive, settings):

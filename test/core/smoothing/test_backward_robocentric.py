@@ -8,7 +8,7 @@ from dense_robocentric import DenseRobocentricFilter
 from tracked_drive import run, trying_drives
 
 from vislam_ros.core.filters.robocentric import RobocentricFilter
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.smoothing.backward import smooth
 from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.data.drive import Drive
@@ -32,7 +32,7 @@ def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
     retire_after: int,
 ) -> None:
     drive = drives[kind]
-    settings = SlamSettings(
+    settings = RobocentricSettings(
         pixel_variance=pixel_variance,
         chi2_gate=chi2_gate,
         retire_after=retire_after,

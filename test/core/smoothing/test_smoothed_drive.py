@@ -6,6 +6,7 @@ from numerics import CAMERA
 from numpy.testing import assert_allclose, assert_array_equal
 from scenes import passing_scene
 
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam, SlamStep
@@ -30,7 +31,7 @@ def play(slam: Slam, first_stamp: int = 0, count: int = 20) -> list[SlamStep]:
 
 
 def session() -> Slam:
-    return Slam(SlamSettings(chi2_gate=0.0), record=True)
+    return Slam(RobocentricSettings(chi2_gate=0.0), record=True)
 
 
 def test_every_step_has_a_smoothed_pose_and_the_last_is_the_filters() -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from step_rows import step_row
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.data.evaluation.evaluate import (
@@ -233,7 +234,7 @@ def write_run(directory: Path, trajectory: Trajectory) -> None:
     with ResultWriter(directory) as writer:
         for k, stamp in enumerate(trajectory.stamps.tolist()):
             pose = (trajectory.positions[k], trajectory.quaternions[k])
-            writer.add_pose(stamp, *pose, k * np.eye(6))
+            writer.add_step(*pose, k * np.eye(6), step_row(stamp))
             writer.add_dead_reckoning(stamp, *pose)
         writer.finish(complete=True)
 
@@ -264,7 +265,7 @@ def test_smoothed_poses_are_judged_with_their_own_covariances(tmp_path: Path) ->
     with ResultWriter(tmp_path / "results") as writer:
         for k, stamp in enumerate(estimate.stamps.tolist()):
             pose = (estimate.positions[k], estimate.quaternions[k])
-            writer.add_pose(stamp, *pose, np.eye(6))
+            writer.add_step(*pose, np.eye(6), step_row(stamp))
         writer.set_smoothed(estimate, np.tile(0.25 * np.eye(6), (len(estimate), 1, 1)))
         writer.finish(complete=True)
     evaluation = evaluate(tmp_path / "results", tmp_path / "reference.tum")

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from step_rows import step_row
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.data.pictures.results import draw_steps, draw_trajectory, plot_results
 from vislam_ros.data.results.reader import Results, read_results
-from vislam_ros.data.results.summary import StepStatistics
 from vislam_ros.data.results.writer import ResultWriter
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
@@ -34,10 +34,10 @@ def results(drive: Trajectory, tmp_path: Path) -> Results:
         for k, stamp in enumerate(drive.stamps.tolist()):
             pose = (drive.positions[k], drive.quaternions[k])
             dof = 0 if k % 9 == 0 else 90
-            statistics = StepStatistics(
-                stamp, dof == 0, 40, dof // 3, k % 3, 45, 5, k, float(dof), dof, 1.5
-            )
-            writer.add_step(stamp, *pose, np.eye(6), statistics)
+            counts = {"active": 40, "used": dof // 3, "rejected": k % 3, "observed": 45}
+            nis = {"nis": float(dof), "nis_dof": dof}
+            row = step_row(stamp, frozen=dof == 0, ms=1.5, **counts, **nis)
+            writer.add_step(*pose, np.eye(6), row)
             writer.add_dead_reckoning(stamp, pose[0] * 1.1, pose[1])
         points = np.array([[0.0, 5.0, 0.0], [10.0, 20.0, 1.0], [1e6, 0.0, 0.0]])
         count = np.arange(3, dtype=np.uint32)
@@ -100,8 +100,10 @@ def test_pictures_are_written_and_not_overwritten(results: Results, drive: Traje
 
 def test_a_run_without_steps_or_motion_has_its_picture(tmp_path: Path) -> None:
     with ResultWriter(tmp_path / "results") as writer:
-        writer.add_pose(10**9, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], np.zeros((6, 6)))
+        pose = ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+        writer.add_step(*pose, np.zeros((6, 6)), step_row(10**9))
         writer.finish(complete=True)
+    (writer.directory / "steps.csv").unlink()
     (picture,) = plot_results(read_results(writer.directory), output=tmp_path / "pictures")
     assert picture == tmp_path / "pictures" / "trajectory.png"
     assert picture.is_file()

@@ -12,12 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from step_rows import step_row
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.core.step import KINDS
+from vislam_ros.data.pictures.results import plot_results
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.data.results.writer import OWNED_FILES, ResultWriter
-from vislam_ros.data.results.summary import StepStatistics
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 
@@ -36,18 +38,8 @@ class Run:
         self.covariances = A @ np.swapaxes(A, 1, 2)
         self.covariances = 0.5 * (self.covariances + np.swapaxes(self.covariances, 1, 2))
         self.steps = [
-            StepStatistics(
-                int(stamp),
-                bool(k % 7 == 0),
-                40,
-                30,
-                2,
-                45,
-                13,
-                5 * k,
-                rng.chisquare(90),
-                90,
-                1 / 3,
+            step_row(
+                int(stamp), frozen=k % 7 == 0, landmarks=5 * k, nis=rng.chisquare(90), ms=1 / 3
             )
             for k, stamp in enumerate(stamps)
         ]
@@ -61,12 +53,10 @@ class Run:
     def write(self, writer: ResultWriter) -> None:
         writer.set_parameters(PARAMETERS)
         poses = self.trajectory
-        for k, statistics in enumerate(self.steps):
-            stamp = int(poses.stamps[k])
-            writer.add_step(
-                stamp, poses.positions[k], poses.quaternions[k], self.covariances[k], statistics
-            )
-            writer.add_dead_reckoning(stamp, poses.positions[k], poses.quaternions[k])
+        for k, row in enumerate(self.steps):
+            pose = poses.positions[k], poses.quaternions[k]
+            writer.add_step(*pose, self.covariances[k], row)
+            writer.add_dead_reckoning(int(poses.stamps[k]), *pose)
         writer.set_landmarks(self.landmarks)
 
 
@@ -88,7 +78,6 @@ def test_everything_reads_back_to_the_last_bit(run: Run, tmp_path: Path) -> None
         writer.set_smoothed(run.trajectory, 0.5 * run.covariances)
         writer.summary.drive = "0027"
         writer.summary.refused = {"late": 2}
-        writer.summary.gyro_bias = np.array([0.01, 0.02, 0.03])
         writer.finish(complete=True)
 
     results = read_results(tmp_path / "deep" / "results")
@@ -96,8 +85,10 @@ def test_everything_reads_back_to_the_last_bit(run: Run, tmp_path: Path) -> None
         assert_same_trajectory(trajectory, run.trajectory)
     np.testing.assert_array_equal(results.covariances, run.covariances)
     np.testing.assert_array_equal(results.smoothed_covariances, 0.5 * run.covariances)
+    assert list(results.steps) == list(run.steps[0])
     for name, column in results.steps.items():
-        assert column.tolist() == [getattr(step, name) for step in run.steps], name
+        assert column.tolist() == [row[name] for row in run.steps], name
+        assert type(column.tolist()[0]) is KINDS.get(name, float), name
     assert results.landmarks is not None
     np.testing.assert_array_equal(results.landmarks.positions, run.landmarks.positions)
     assert results.parameters == PARAMETERS
@@ -108,28 +99,36 @@ def test_everything_reads_back_to_the_last_bit(run: Run, tmp_path: Path) -> None
     assert (summary["landmarks"], summary["tracks"]) == (3, 2)
     assert summary["refused"] == {"late": 2}
     assert summary["gyro_bias"] == [0.01, 0.02, 0.03]
+    assert summary["estimates"]["gyro_bias_std_y"] == 0.001
     assert {path.name for path in results.directory.iterdir()} <= set(OWNED_FILES)
 
 
-def test_poses_and_statistics_may_come_apart(run: Run, tmp_path: Path) -> None:
-    poses = run.trajectory
+def test_a_directory_of_an_earlier_version_is_read_and_drawn(run: Run, tmp_path: Path) -> None:
     with ResultWriter(tmp_path / "results") as writer:
-        for statistics in run.steps[:5]:
-            writer.add_statistics(statistics)
-        for k in range(3):
-            writer.add_pose(
-                int(poses.stamps[k]),
-                poses.positions[k],
-                poses.quaternions[k],
-                run.covariances[k],
-            )
-        writer.finish(complete=True)
+        run.write(writer)
+    table = writer.directory / "steps.csv"
+    rows = [line.split(",")[:11] for line in table.read_text().splitlines()]
+    table.write_text("".join(f"{','.join(row)}\n" for row in rows))
+    summary = json.loads((writer.directory / "summary.json").read_text())
+    del summary["estimates"]
+    (writer.directory / "summary.json").write_text(json.dumps(summary))
+    results = read_results(writer.directory)
+    assert list(results.steps) == list(run.steps[0])[:11]
+    assert len(plot_results(results)) == 2
+
+
+def test_what_an_estimator_of_somebody_s_own_tells_reads_back(run: Run, tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "results") as writer:
+        for k, row in enumerate(run.steps):
+            pose = run.trajectory.positions[k], run.trajectory.quaternions[k]
+            writer.add_step(*pose, np.eye(6), {**row, "wheel_scale": 1 + k / 3})
+        with pytest.raises(
+            ValueError, match=r"steps.csv: the columns are no longer stamp, frozen"
+        ):
+            writer.add_step(*pose, np.eye(6), {**row, "stamp": row["stamp"] + 1})
     results = read_results(tmp_path / "results")
-    assert (len(results.trajectory), len(results.steps["stamp"])) == (3, 5)
-    assert results.summary["steps"] == 3
-    assert results.dead_reckoning is None
-    assert results.landmarks is None
-    assert results.parameters == {}
+    assert results.steps["wheel_scale"].tolist() == [1 + k / 3 for k in range(STEPS)]
+    assert results.summary["estimates"]["wheel_scale"] == 1 + (STEPS - 1) / 3
 
 
 def test_rows_are_on_disk_at_once_and_the_rest_after_a_flush(run: Run, tmp_path: Path) -> None:
@@ -163,9 +162,9 @@ def test_time_never_goes_back_in_a_directory(run: Run, tmp_path: Path) -> None:
     pose = ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
     with ResultWriter(tmp_path / "results") as writer:
         writer.add_dead_reckoning(5, *pose)
-        writer.add_pose(5, *pose, np.eye(6))
+        writer.add_step(*pose, np.eye(6), step_row(5))
         with pytest.raises(ValueError, match=r"trajectory.tum: stamp 5 is not later than 5"):
-            writer.add_pose(5, *pose, np.eye(6))
+            writer.add_step(*pose, np.eye(6), step_row(5))
         with pytest.raises(ValueError, match=r"dead_reckoning.tum: stamp 4"):
             writer.add_dead_reckoning(4, *pose)
 
@@ -201,8 +200,8 @@ import sys
 from pathlib import Path
 import numpy as np
 from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.core.step import KINDS
 from vislam_ros.data.results.writer import ResultWriter
-from vislam_ros.data.results.summary import StepStatistics
 
 pose = ([1 / 3, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0])
 with ResultWriter(Path(sys.argv[1])) as writer:
@@ -210,8 +209,8 @@ with ResultWriter(Path(sys.argv[1])) as writer:
     stamp = 10**18
     while True:
         stamp += 10**8
-        statistics = StepStatistics(stamp, False, 1, 1, 0, 1, 0, 1, 3.0, 3, 0.5)
-        writer.add_step(stamp, *pose, np.eye(6) / 3, statistics)
+        row = {**dict.fromkeys(KINDS, 1), "stamp": stamp}
+        writer.add_step(*pose, np.eye(6) / 3, row)
         writer.add_dead_reckoning(stamp, *pose)
         size = stamp // 10**8 % 5000
         writer.set_landmarks(
@@ -291,8 +290,8 @@ def test_a_last_line_cut_anywhere_costs_that_line_only(
         (("trajectory.tum", None), r"trajectory.tum: holds no pose"),
         (("trajectory.tum", ""), r"trajectory.tum: holds no pose"),
         (("trajectory.tum", "1.0 2\n"), r"trajectory.tum: line 1"),
-        (("steps.csv", "a,b\n"), r"steps.csv: line 1 must be stamp,frozen"),
-        (("trajectory_covariance.csv", "x_x\n"), r"line 1 must be stamp,x_x"),
+        (("steps.csv", "a,b\n"), r"steps.csv: line 1 must begin with stamp,frozen"),
+        (("trajectory_covariance.csv", "x_x\n"), r"line 1 must begin with stamp,x_x"),
     ],
 )
 def test_what_is_missing_or_damaged_is_named(
@@ -312,7 +311,7 @@ def test_a_damaged_row_is_named(run: Run, tmp_path: Path) -> None:
     with ResultWriter(tmp_path / "results") as writer:
         run.write(writer)
     with (writer.directory / "steps.csv").open("a") as file:
-        file.write("1.0,0,x,0,0,0,0,0,0.0,0,0.0\n")
+        file.write("1.0,0,x" + 16 * ",0" + "\n")
     with pytest.raises(VislamError, match=rf"steps.csv: line {STEPS + 2} is '1.0,0,x"):
         read_results(writer.directory)
 

@@ -4,25 +4,12 @@ import os
 from pathlib import Path
 
 import pytest
+from step_rows import step_row
 
-from vislam_ros.data.results.summary import RunSummary, StepStatistics, peak_rss_mb, read_summary
+from vislam_ros.data.results.summary import RunSummary, peak_rss_mb, read_summary
 from vislam_ros.errors import VislamError
 
-
-def step(stamp: int, **changes: float) -> StepStatistics:
-    values = {
-        "frozen": False,
-        "active": 10,
-        "used": 8,
-        "rejected": 0,
-        "observed": 12,
-        "admitted": 4,
-        "landmarks": 20,
-        "nis": 24.0,
-        "nis_dof": 24,
-        "ms": 1.0,
-    }
-    return StepStatistics(stamp, **{**values, **changes})  # type: ignore[arg-type]
+STEP = 100_000_000
 
 
 def test_an_empty_run_has_every_field_and_claims_nothing() -> None:
@@ -52,15 +39,16 @@ def test_an_empty_run_has_every_field_and_claims_nothing() -> None:
         "latency_ms_p99",
         "resets",
         "refused",
+        "estimates",
     } <= set(summary)
 
 
 def test_steps_add_up() -> None:
     run = RunSummary()
     for k in range(101):
-        run.add_pose(k * 100_000_000)
         counts = {"used": 6, "rejected": 2, "observed": 10, "landmarks": k}
-        run.add_statistics(step(k, frozen=k % 2 == 0, nis=9.0, nis_dof=18, ms=float(k), **counts))
+        nis = {"nis": 9.0, "nis_dof": 18, "gyro_bias_z": 0.001 * k}
+        run.add_step(step_row(k * STEP, frozen=k % 2 == 0, ms=float(k), **counts, **nis))
     summary = run.as_dict()
     assert summary["steps"] == 101
     assert summary["frozen_steps"] == 51
@@ -70,8 +58,19 @@ def test_steps_add_up() -> None:
     assert summary["landmarks"] == 100
     assert summary["drive_s"] == pytest.approx(10.0)
     assert (summary["step_ms_p50"], summary["step_ms_p99"]) == (50.0, 99.0)
+    assert summary["gyro_bias"] == [0.01, 0.02, 0.1]
+    assert summary["estimates"]["gyro_bias_z"] == 0.1
+    assert "nis" not in summary["estimates"]
     assert summary["wall_s"] <= summary["total_s"]
     assert summary["realtime_factor"] == pytest.approx(summary["drive_s"] / summary["wall_s"])
+
+
+def test_what_is_not_finite_is_not_known() -> None:
+    run = RunSummary()
+    run.add_step(step_row(1, gyro_bias_x=float("nan")))
+    summary = run.as_dict()
+    assert summary["gyro_bias"] is None
+    assert summary["estimates"]["gyro_bias_x"] is None
 
 
 def test_memory_of_a_process_is_known_and_that_of_none_is_not() -> None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
+from vislam_ros.core.filters.registry import slam_settings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 from vislam_ros.data.solving import covariances_of, solve
@@ -33,7 +34,7 @@ def monte_carlo(
     }
     # The robocentric filter finds the noise; the others are told.
     told = {} if estimator == "robocentric" else noise
-    settings = settings_from_dict(SlamSettings, {"estimator": estimator, **told})
+    settings = slam_settings({"estimator": estimator, **told})
     nees, nis, ate, dead_reckoning, rejected = [], [], [], [], []
     for seed in SEEDS:
         bias = np.random.default_rng(seed).uniform(0.002, 0.01, 3) * [1, -1, 1]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import pytest
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.simulation.simulate import SimulationSettings
 from vislam_ros.data.sweeps.plan import SweepPlan
 from vislam_ros.errors import SettingsError
@@ -10,7 +10,7 @@ from vislam_ros.errors import SettingsError
 
 def plan(simulation=None, seeds=(0,), **grid):
     named = {name.replace("__", "."): values for name, values in grid.items()}
-    return SweepPlan(SlamSettings(), PredictionSettings(), simulation, named, seeds)
+    return SweepPlan({}, PredictionSettings(), simulation, named, seeds)
 
 
 def test_runs_follow_the_grid_with_its_last_setting_fastest_and_then_the_seeds():

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import pytest
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.sweeps.plan import SweepPlan
 from vislam_ros.data.sweeps.plot import draw_sweep, picture_bytes
 from vislam_ros.data.sweeps.table import gather
@@ -14,7 +14,7 @@ ESTIMATOR = {"slam_node.estimator": ("joint", "block_diagonal")}
 
 def drawn(grid, seeds=(0,), truth=True):
     """A sweep in which everything is known but its second run, which failed."""
-    plan = SweepPlan(SlamSettings(), PredictionSettings(), None, grid, seeds)
+    plan = SweepPlan({}, PredictionSettings(), None, grid, seeds)
     figures = {"ate_m": 1.5, "nees_per_dof": 2.0} if truth else {}
     rows = {
         run.key: {"key": run.key, "seed": run.seed, "nis_per_dof": 1.0, "error": None, **figures}

@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.filters.joint import JointSettings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 from vislam_ros.data.solving import solve
@@ -17,7 +18,7 @@ from vislam_ros.data.sweeps.sweeping import missing_runs, sweep
 from vislam_ros.errors import VislamError
 
 SIMULATION = SimulationSettings(steps=25, landmarks=60)
-JOINT = SlamSettings(estimator="joint")
+JOINT = {"estimator": "joint"}
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,7 @@ def without_times(row):
 
 
 def test_a_row_is_what_solve_and_evaluate_say(inputs):
-    settings = dataclasses.replace(JOINT, chi2_gate=9.0)
+    settings = JointSettings(chi2_gate=9.0)
     row = execute(inputs, plan(chi2_gate=(9.0,)).runs[0])
     solution = solve(inputs.drive, settings, PredictionSettings())
     assert row["error"] is None

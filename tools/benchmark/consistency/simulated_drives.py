@@ -7,7 +7,6 @@ disparities as on the real drives; with little and with much noise of the twist,
 and without. Each is solved by the filters, and by the batch optimum on the same tracks.
 """
 
-import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +17,8 @@ from numpy.typing import NDArray
 from benchmark.peers.batch_optimum import BatchProblem, optimise
 from benchmark.peers.problem import PeerProblem, peer_problem
 from benchmark.recorded_drive import record
+from vislam_ros.core.filters.registry import replaced
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import compare
@@ -85,10 +86,10 @@ class MonteCarlo:
     Parameters
     ----------
     slam_settings, prediction_settings : SlamSettings, PredictionSettings
-        The estimator is set here, and so is what the joint filter is told of the twist's noise;
+        The estimator is set here, and so is the noise of the twist that the joint filter is given;
         the robocentric one finds it.
     on_progress : callable
-        Hears what is run next.
+        Called with what is run next.
     """
 
     def __init__(
@@ -141,13 +142,14 @@ class MonteCarlo:
             ``dead_reckoning_m``, ``batch_m`` and ``batch_with_walk_m``; and whether both batches
             ``converged``.
         """
-        settings = dataclasses.replace(self._slam_settings, estimator="robocentric")
+        settings = replaced(self._slam_settings, estimator="robocentric")
+        assert isinstance(settings, RobocentricSettings)
         recorded = record(drive, settings, self._prediction_settings, smooth=True)
         smoothed = recorded.smoothed
         assert smoothed is not None
         joint = solve(
             drive,
-            dataclasses.replace(
+            replaced(
                 settings,
                 estimator="joint",
                 velocity_noise_std=cell.velocity_noise_std,

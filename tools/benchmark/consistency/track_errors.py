@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the disparities of a drive's tracks err, and whether their errors stay.
 
-The smoothed motion and the left pixels of a track tell where its point lies, and so what its
+The smoothed motion and the left pixels of a track determine where its point lies, and so what its
 disparity should be in every frame; the right pixels have no part in that. What is measured beside
 it is the error, by the age of the track.
 """
@@ -17,16 +17,17 @@ from scipy.stats import median_abs_deviation
 
 from benchmark.consistency.track_points import BY_POINT, fitted_point
 from benchmark.recorded_drive import record
+from vislam_ros.core.filters.settings import ObservationSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.observation import StereoObservation
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.solving import smoothed_trajectory
 
 Array = NDArray[np.float64]
 
-#: Bounds of the disparities by which tracks are told apart, pixels.
+#: Bounds of the disparities by which tracks are grouped, pixels.
 BOUNDS = (0.0, 5.0, 10.0, 20.0, 60.0)
 
 # Frames that a track must have, and the frame to which its first error is compared.
@@ -38,7 +39,7 @@ _LEFT = np.array([1.0, 0.0, 1.0])
 
 
 def disparity_errors(
-    drive: Drive, slam_settings: SlamSettings, prediction_settings: PredictionSettings
+    drive: Drive, slam_settings: ObservationSettings, prediction_settings: PredictionSettings
 ) -> list[dict[str, Any]]:
     """Measure the errors of the disparities of tracks that do not begin at a repeated pixel.
 

@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
-from vislam_ros.cli.parameters import RunParameters, run_parameters, shared_file
+from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters, shared_file
 from vislam_ros.cli.processes import Child, Children
 from vislam_ros.cli.reading import conventions, print_notes
 from vislam_ros.cli.screen import print_summary, progress_bar
@@ -49,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     started = time.monotonic()
     parameters = run_parameters(arguments)
+    report_unused(parameters)
     results: Path = arguments.out.resolve()
     refuse_used(results, force=arguments.force)
     error: BaseException | None = None

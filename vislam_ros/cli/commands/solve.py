@@ -7,13 +7,14 @@ import dataclasses
 import time
 
 from vislam_ros.cli.exit_codes import OK
-from vislam_ros.cli.parameters import RunParameters, run_parameters
+from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
 from vislam_ros.cli.reading import read_input
 from vislam_ros.cli.screen import print_summary, progress_bar
 from vislam_ros.core.filters.dead_reckoning import Prediction
-from vislam_ros.core.slam import SlamStep, require_smoothable
+from vislam_ros.core.filters.registry import estimator_named
+from vislam_ros.core.step import SlamStep
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.results.summary import StepStatistics, peak_rss_mb
+from vislam_ros.data.results.summary import peak_rss_mb
 from vislam_ros.data.results.writer import ResultWriter, refuse_used
 from vislam_ros.data.solving import Solution, smoothed_trajectory, solve
 
@@ -22,8 +23,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     started = time.monotonic()
     parameters = run_parameters(arguments)
+    report_unused(parameters)
     if arguments.smooth:
-        require_smoothable(parameters.slam)
+        estimator_named(parameters.slam.estimator).require_smoothable()
     refuse_used(arguments.out, force=arguments.force)
     drive = read_input(arguments)
     with ResultWriter(arguments.out, force=arguments.force, started=started) as writer:
@@ -55,14 +57,7 @@ def _solve(
             writer.add_dead_reckoning(prediction.stamp, prediction.position, prediction.quaternion)
 
         def add_step(step: SlamStep) -> None:
-            writer.add_step(
-                step.stamp,
-                step.position,
-                step.quaternion,
-                step.covariance,
-                _statistics(step),
-            )
-            writer.summary.gyro_bias = step.gyro_bias
+            writer.add_step(step.position, step.quaternion, step.covariance, step.row())
             nonlocal done
             done += 1
             ends = smooth and done == drive.steps
@@ -79,17 +74,9 @@ def _solve(
         )
 
 
-def _statistics(step: SlamStep) -> StepStatistics:
-    names = [field.name for field in dataclasses.fields(StepStatistics) if field.name != "ms"]
-    return StepStatistics(**{name: getattr(step, name) for name in names}, ms=step.duration_ms)
-
-
 def _as_used(parameters: RunParameters) -> dict[str, dict[str, object]]:
     """Every parameter that the estimators had, in the sections of the nodes."""
     return {
         "imu_prediction_node": dataclasses.asdict(parameters.prediction),
-        "slam_node": {
-            **dataclasses.asdict(parameters.slam),
-            "map_file": parameters.given["slam_node"].get("map_file", ""),
-        },
+        "slam_node": dataclasses.asdict(parameters.slam),
     }

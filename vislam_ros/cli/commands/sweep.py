@@ -101,7 +101,7 @@ def _plan(described: SweepFile, parameters: RunParameters) -> SweepPlan:
             raise SettingsError(f"{SIMULATION}: seed: write seeds instead, beside {SIMULATION}")
         simulation = settings_from_dict(SimulationSettings, values)
     return SweepPlan(
-        parameters.slam,
+        parameters.slam_values,
         parameters.prediction,
         simulation,
         described.grid,

@@ -8,19 +8,33 @@ and landmarks. Without correlations every matrix is a sum of small blocks: with 
 identity of Woodbury gives all that is needed of its inverse.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.filters.estimator import Outcome
-from vislam_ros.core.filters.independent_landmarks import IndependentLandmarkFilter
+from vislam_ros.core.filters.independent_landmarks import (
+    IndependentLandmarkFilter,
+    IndependentLandmarkSettings,
+)
+from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.linalg.pose_update import corrected_by_information
 from vislam_ros.core.motion import symmetrized
+from vislam_ros.core.settings import setting
 from vislam_ros.core.tracking.tracked_frame import Keys
 from vislam_ros.core.tracking.tracks import indices_of
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BlockDiagonalSettings(IndependentLandmarkSettings):
+    """Settings of the block diagonal filter."""
+
+    estimator: str = setting("block_diagonal", "Which filter runs")
 
 
 class BlockDiagonalFilter(IndependentLandmarkFilter):
@@ -59,3 +73,10 @@ class BlockDiagonalFilter(IndependentLandmarkFilter):
         self.pose_covariance = Sigma_plus
         nis = float(np.sum(residual * S_inverse_r))
         return Outcome(len(slots), rejected=keys[~inliers], nis=nis, nis_dof=residual.size)
+
+
+register_estimator(
+    "block_diagonal",
+    BlockDiagonalSettings,
+    lambda settings, given: BlockDiagonalFilter(settings, given.camera),
+)

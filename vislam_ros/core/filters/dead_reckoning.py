@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.filters.estimator import Outcome
+from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.motion import Increment, process_covariance, propagate, symmetrized
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.settings import PredictionSettings, SlamSettings, setting
 from vislam_ros.core.tracking.time_order import Refusal, TimeOrder
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 
@@ -127,15 +128,20 @@ class DeadReckoning:
         return process_covariance(self._settings, duration) / duration**2
 
 
+@dataclass(frozen=True)
+class DeadReckoningSettings(SlamSettings):
+    """Settings of the prediction as an estimator."""
+
+    estimator: str = setting("dead_reckoning", "Which filter runs")
+
+
 class DeadReckoningEstimator:
     """Prediction only (the report's eq. 51-52): what SLAM is to be compared with."""
 
     active = 0
     landmark_count = 0
-    gyro_bias = None
-    gyro_bias_std = None
 
-    def __init__(self, settings: SlamSettings):
+    def __init__(self, settings: DeadReckoningSettings):
         self.T_world_body = np.eye(4)
         self.pose_covariance: Array = settings.prior_pose_variance * np.eye(6)
 
@@ -148,3 +154,10 @@ class DeadReckoningEstimator:
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Return an empty map."""
         return np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 3, 3))
+
+
+register_estimator(
+    "dead_reckoning",
+    DeadReckoningSettings,
+    lambda settings, given: DeadReckoningEstimator(settings),
+)

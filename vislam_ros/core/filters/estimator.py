@@ -8,7 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.motion import Increment
+from vislam_ros.core.columns import Estimate
+from vislam_ros.core.motion import Increment, Twist
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 
 Array = NDArray[np.float64]
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a filter did with one frame.
+    """What a filter did with one frame, and what it now knows besides pose and map.
 
     Attributes
     ----------
@@ -28,6 +29,10 @@ class Outcome:
         Normalised innovation squared of the used observations together.
     nis_dof : int
         Its degrees of freedom.
+    twist : Twist or None
+        Of the body over the step; None where the filter has none in its state.
+    estimates : tuple of Estimate
+        All else that a user may want to see; the same quantities at every step.
     """
 
     used: int = 0
@@ -35,6 +40,8 @@ class Outcome:
     rejected: Keys = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     nis: float = 0.0
     nis_dof: int = 0
+    twist: Twist | None = None
+    estimates: tuple[Estimate, ...] = ()
 
     @property
     def agrees_with_most(self) -> bool:
@@ -51,14 +58,6 @@ class Estimator(Protocol):
     @property
     def pose_covariance(self) -> Array:
         """Covariance (6, 6) of the pose error ``[rho; theta]`` on the right."""
-
-    @property
-    def gyro_bias(self) -> Array | None:
-        """Gyroscope bias (3,), radians a second; None where the filter has none."""
-
-    @property
-    def gyro_bias_std(self) -> Array | None:
-        """Its standard deviations (3,)."""
 
     @property
     def active(self) -> int:

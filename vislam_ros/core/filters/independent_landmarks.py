@@ -5,21 +5,32 @@
 The report's landmarks m (eq. 2 and 40), initialized by eq. 4-5.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.filters.estimator import Outcome
+from vislam_ros.core.filters.settings import WorldLandmarkSettings
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.motion import Increment, propagate, symmetrized
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.settings import setting
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracking.tracks import is_member
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class IndependentLandmarkSettings(WorldLandmarkSettings):
+    """Settings of filters over independent landmarks."""
+
+    planar: bool = setting(
+        False,
+        "Keep every landmark at z = 0 and estimate x and y, as the report's mapping does",
+    )
 
 
 class IndependentLandmarks:
@@ -33,7 +44,7 @@ class IndependentLandmarks:
     covariances : ndarray, (n, 3, 3)
     """
 
-    def __init__(self, settings: SlamSettings, observation: StereoObservation):
+    def __init__(self, settings: IndependentLandmarkSettings, observation: StereoObservation):
         self._settings = settings
         self._observation = observation
         self._marginalized = LandmarkStore()
@@ -94,7 +105,7 @@ class IndependentLandmarkFilter:
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : IndependentLandmarkSettings
     camera : StereoCamera
 
     Attributes
@@ -104,10 +115,7 @@ class IndependentLandmarkFilter:
         Of the pose error ``[rho; theta]`` on the right.
     """
 
-    gyro_bias = None
-    gyro_bias_std = None
-
-    def __init__(self, settings: SlamSettings, camera: StereoCamera):
+    def __init__(self, settings: IndependentLandmarkSettings, camera: StereoCamera):
         self._settings = settings
         self._observation = StereoObservation(camera, settings.pixel_variance)
         self._landmarks = IndependentLandmarks(settings, self._observation)

@@ -14,7 +14,7 @@ A step from stamp k - 1 to k:
    or, as the report does, without.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -22,6 +22,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from vislam_ros.core.filters.estimator import Outcome
+from vislam_ros.core.filters.registry import register_estimator
+from vislam_ros.core.filters.settings import WorldLandmarkSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.observation import StereoObservation
@@ -33,11 +35,18 @@ from vislam_ros.core.operations.error_state import ErrorState, Recorder
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization, WorldPositions
 from vislam_ros.core.operations.transition import RandomWalk, VehicleTransition
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.settings import setting
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracking.tracks import indices_of, is_member
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointSettings(WorldLandmarkSettings):
+    """Settings of the joint filter."""
+
+    estimator: str = setting("joint", "Which filter runs")
 
 
 class JointFilter:
@@ -45,7 +54,7 @@ class JointFilter:
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : JointSettings
     camera : StereoCamera
     tape : Recorder, optional
         Where to record for the backward pass.
@@ -59,10 +68,9 @@ class JointFilter:
         Their world positions, metres.
     """
 
-    gyro_bias = None
-    gyro_bias_std = None
-
-    def __init__(self, settings: SlamSettings, camera: StereoCamera, tape: Recorder | None = None):
+    def __init__(
+        self, settings: JointSettings, camera: StereoCamera, tape: Recorder | None = None
+    ):
         self._settings = settings
         self._observation = StereoObservation(camera, settings.pixel_variance)
         self._state = ErrorState(settings.prior_pose_variance * np.eye(6), 6, tape)
@@ -178,3 +186,11 @@ class JointFilter:
             self._state.apply(Initialization(np.broadcast_to(prior, noise.shape)))
         self.keys = np.concatenate([self.keys, keys])
         self.means = np.concatenate([self.means, positions])
+
+
+register_estimator(
+    "joint",
+    JointSettings,
+    lambda settings, given: JointFilter(settings, given.camera, given.tape),
+    smoothable=True,
+)

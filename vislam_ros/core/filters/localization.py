@@ -3,11 +3,14 @@
 """The report's pose-only EKF (eq. 16-18 and 55-61) on a map that counts as true."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.filters.estimator import Outcome
+from vislam_ros.core.filters.registry import Surroundings, register_estimator
+from vislam_ros.core.filters.settings import GivenMapSettings, ObservationSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.observation import StereoObservation
@@ -15,10 +18,17 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.linalg.gating import mahalanobis_squared, passes_gates
 from vislam_ros.core.linalg.pose_update import corrected_by_information
 from vislam_ros.core.motion import Increment, propagate, symmetrized
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.settings import setting
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LocalizationSettings(ObservationSettings, GivenMapSettings):
+    """Settings of the localization on a given map."""
+
+    estimator: str = setting("localization", "Which filter runs")
 
 
 class LocalizationFilter:
@@ -29,19 +39,16 @@ class LocalizationFilter:
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : LocalizationSettings
     camera : StereoCamera
     given_map : LandmarkMap
     ids_of_keys : callable
         Gives the track ids (n,) of keys (n,).
     """
 
-    gyro_bias = None
-    gyro_bias_std = None
-
     def __init__(
         self,
-        settings: SlamSettings,
+        settings: LocalizationSettings,
         camera: StereoCamera,
         given_map: LandmarkMap,
         ids_of_keys: Callable[[Keys], NDArray[np.uint32]],
@@ -115,3 +122,11 @@ class LocalizationFilter:
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys -1 (M,), world positions (M, 3) and covariances (M, 3, 3) of the given map."""
         return np.full(len(self._ids), -1), self._means, self._covariances
+
+
+def _on_given_map(settings: LocalizationSettings, given: Surroundings) -> LocalizationFilter:
+    assert given.given_map is not None
+    return LocalizationFilter(settings, given.camera, given.given_map, given.ids_of_keys)
+
+
+register_estimator("localization", LocalizationSettings, _on_given_map)

@@ -2,17 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report's mapping-only EKF (eq. 7-9 and 43-47): landmarks from poses that count as true."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.filters.estimator import Outcome
-from vislam_ros.core.filters.independent_landmarks import IndependentLandmarkFilter
+from vislam_ros.core.filters.independent_landmarks import (
+    IndependentLandmarkFilter,
+    IndependentLandmarkSettings,
+)
+from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.linalg.gating import mahalanobis_squared, passes_gates
 from vislam_ros.core.motion import symmetrized
+from vislam_ros.core.settings import setting
 from vislam_ros.core.tracking.tracked_frame import Keys
 from vislam_ros.core.tracking.tracks import indices_of
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MappingSettings(IndependentLandmarkSettings):
+    """Settings of the mapping filter."""
+
+    estimator: str = setting("mapping", "Which filter runs")
 
 
 class MappingFilter(IndependentLandmarkFilter):
@@ -43,3 +57,10 @@ class MappingFilter(IndependentLandmarkFilter):
     def _initialization_covariance(self) -> Array:
         # The pose counts as true here.
         return np.zeros((6, 6))
+
+
+register_estimator(
+    "mapping",
+    MappingSettings,
+    lambda settings, given: MappingFilter(settings, given.camera),
+)

@@ -51,6 +51,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from vislam_ros.core.columns import Estimate
+from vislam_ros.core.filters import quantities
 from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.image_point_map import (
     ImagePointMap,
@@ -59,6 +61,7 @@ from vislam_ros.core.filters.image_point_map import (
     positions_of_all,
     world_positions,
 )
+from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.filters.robocentric_model import (
     GYRO_BIAS,
     LENS,
@@ -72,14 +75,16 @@ from vislam_ros.core.filters.robocentric_model import (
     transition_of,
     walk_densities,
 )
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import warp
 from vislam_ros.core.linalg.gating import Inliers, deletion_gate, passes_gates
-from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion import Increment, Twist
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
 from vislam_ros.core.operations.direct_correction import DirectCorrection
@@ -87,7 +92,6 @@ from vislam_ros.core.operations.error_state import ErrorState, Recorder
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
 from vislam_ros.core.operations.transition import RandomWalk
-from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracking.tracks import indices_of, is_member
 
@@ -102,7 +106,7 @@ class RobocentricFilter:
 
     Parameters
     ----------
-    settings : SlamSettings
+    settings : RobocentricSettings
     camera : StereoCamera
     tape : Recorder, optional
         Where to record for the backward pass.
@@ -124,17 +128,22 @@ class RobocentricFilter:
         Theirs, in the current left camera, pixels, free of distortion.
     """
 
-    def __init__(self, settings: SlamSettings, camera: StereoCamera, tape: Recorder | None = None):
+    def __init__(
+        self, settings: RobocentricSettings, camera: StereoCamera, tape: Recorder | None = None
+    ):
         self._settings = settings
         self._camera = camera
         self._observation = StereoObservation(camera, settings.pixel_variance)
+        self._frame_rate = FrameRate()
         self._motion_noise = MotionNoise(
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
+            self._frame_rate,
         )
         self._track_noise = TrackNoise(
             np.diag(self._observation.image_point_noise).copy(),
             settings.disparity_offset_std,
+            self._frame_rate,
             learns=settings.learn_noise,
         )
         self._disparity_prior = DisparityPrior() if settings.disparity_prior else None
@@ -161,11 +170,6 @@ class RobocentricFilter:
         return self.covariance[POSE, POSE].copy()
 
     @property
-    def gyro_bias_std(self) -> Array:
-        """Standard deviations (3,) of the gyroscope bias, radians a second."""
-        return np.sqrt(np.maximum(np.diag(self.covariance[GYRO_BIAS, GYRO_BIAS]), 0.0))
-
-    @property
     def active(self) -> int:
         """Number of landmarks in the dense block."""
         return len(self.keys)
@@ -181,6 +185,7 @@ class RobocentricFilter:
         self._marginalize(is_member(self.keys, frame.ended))
         moved = tau > _SHORTEST_STEP
         if moved:
+            self._frame_rate.add(tau)
             measured = se3.log(increment.T) / tau
             before = self._walk(tau)
             self._measure_twist(measured, tau)
@@ -199,6 +204,8 @@ class RobocentricFilter:
             outcome,
             admitted=int(np.count_nonzero(new)),
             rejected=np.concatenate([outcome.rejected, frame.keys[contradicted]]),
+            twist=Twist(self.twist, self.covariance[TWIST, TWIST].copy()),
+            estimates=self._estimates(),
         )
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
@@ -221,7 +228,7 @@ class RobocentricFilter:
         self._marginalized.add(keys[mapped], points.of(mapped))
         positions = partial(positions_of_all, self._camera, points, mapped)
         self._state.apply(Marginalization(keys, gone, positions))
-        self._track_noise.end(gone)
+        self._track_noise.remove(gone)
         self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
 
     def _walk(self, tau: float) -> tuple[Array, Array]:
@@ -232,7 +239,7 @@ class RobocentricFilter:
 
     def _measure_twist(self, measured: Array, tau: float) -> None:
         """Correct by the prediction's mean twist (6,) over tau seconds."""
-        self._motion_noise.hear(measured)
+        self._motion_noise.add(measured)
         noise = self._motion_noise.twist_variance
         error = self._twist_error(measured)
         correction = self._twist_measurement.correction(error, noise, self.twist, tau)
@@ -282,7 +289,7 @@ class RobocentricFilter:
         corrected = self._state.apply(
             DirectCorrection(residual[:, used], noise[:, used], slots, used, inliers)
         )
-        self._track_noise.see(slots, residual, inliers.inverse.diagonal(), inliers.weighted)
+        self._track_noise.update(slots, residual, inliers.inverse.diagonal(), inliers.weighted)
         self._shift(corrected.delta)
         dof = len(inliers.weighted)
         return Outcome(len(slots), rejected=rejected, nis=corrected.nis, nis_dof=dof)
@@ -307,22 +314,22 @@ class RobocentricFilter:
         P, H = self._state.vehicle_covariance, self._twist_measurement.H[:6]
         change, variances = self.twist - twist_before, P.diagonal()[TWIST]
         unexplained = self._twist_error(measured) ** 2 + np.sum((H @ P) * H, axis=1)
-        self._motion_noise.learn(change, variances_before, variances, unexplained, tau)
+        self._motion_noise.update(change, variances_before, variances, unexplained, tau)
 
     def _initialize(self, keys: Keys, pixels: Array, copied: NDArray[np.bool_]) -> None:
         """Add landmarks at their first observation."""
         if not len(keys):
             return
         y = self._straight(pixels)
-        self._track_noise.start(self._observation.row_mismatch(pixels))
+        self._track_noise.initialize_level(self._observation.row_mismatch(pixels))
         noise = self._track_noise.of_new_tracks(y)
         # A track that begins at a copied pixel has the disparity of the point it stood for before.
         stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
         noise[copied, 1, 1] += stale[copied] ** 2
         if self._disparity_prior is not None:
-            y, noise = self._disparity_prior.applied(y, noise)
+            y, noise = self._disparity_prior.apply(y, noise)
         self._state.apply(Initialization(noise))
-        self._track_noise.begin(len(keys))
+        self._track_noise.add(len(keys))
         self.keys = np.concatenate([self.keys, keys])
         self.image_points = np.concatenate([self.image_points, y])
 
@@ -354,3 +361,28 @@ class RobocentricFilter:
 
     def _has_position(self) -> NDArray[np.bool_]:
         return has_position(self.image_points, self._state.landmark_covariances())
+
+    def _estimates(self) -> tuple[Estimate, ...]:
+        """What else is in the vehicle's state, and the noise as it is learned."""
+        std = np.sqrt(np.maximum(self._state.vehicle_covariance.diagonal(), 0.0))
+        pixel_variance = self._track_noise.level * sum(self._settings.pixel_variance) / 4
+        twist_noise_std = np.sqrt(self._motion_noise.twist_variance)
+        walk_std = np.sqrt(self._motion_noise.walk_variance)
+        return (
+            Estimate(quantities.GYRO_BIAS, self.gyro_bias, std[GYRO_BIAS]),
+            Estimate(quantities.VELOCITY_BIAS, self.velocity_bias, std[VELOCITY_BIAS]),
+            Estimate(quantities.LENS_DISTORTION, self.kappa, std[LENS]),
+            Estimate(quantities.PIXEL_NOISE_STD, pixel_variance**0.5),
+            Estimate(quantities.VELOCITY_NOISE_STD, twist_noise_std[0]),
+            Estimate(quantities.ANGULAR_VELOCITY_NOISE_STD, twist_noise_std[3]),
+            Estimate(quantities.VELOCITY_WALK_STD, walk_std[:3]),
+            Estimate(quantities.ANGULAR_VELOCITY_WALK_STD, walk_std[3:]),
+        )
+
+
+register_estimator(
+    "robocentric",
+    RobocentricSettings,
+    lambda settings, given: RobocentricFilter(settings, given.camera, given.tape),
+    smoothable=True,
+)

@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.compiled import compiled
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.warp import Warp
+from vislam_ros.core.motion import FIRST_TWIST_STD
 from vislam_ros.core.operations.correction import VehicleCorrection
 from vislam_ros.core.operations.transition import Transition
-from vislam_ros.core.settings import SlamSettings
 
 Array = NDArray[np.float64]
 
@@ -40,27 +41,24 @@ SIZE = 18
 # What a landmark's position in the world depends on besides its image point: pose and lens.
 POSE_AND_LENS = np.array([0, 1, 2, 3, 4, 5, LENS])
 
-# Before the first motion nothing is known of the twist but that it is a vehicle's.
-_FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
-
 # The lateral and vertical velocity, in a twist and in the vehicle state.
 _LATERAL_VERTICAL, _STATE_LATERAL_VERTICAL = slice(1, 3), slice(7, 9)
 # The turn rates that move a place ahead of the origin laterally and vertically: yaw and pitch.
 _YAW_PITCH = np.array([5, 4])
 
 
-def prior_covariance(settings: SlamSettings) -> Array:
+def prior_covariance(settings: RobocentricSettings) -> Array:
     """Covariance (18, 18) of the vehicle state before the first frame."""
     variances = np.empty(SIZE)
     variances[POSE] = settings.prior_pose_variance
-    variances[TWIST] = _FIRST_TWIST_STD**2
+    variances[TWIST] = FIRST_TWIST_STD**2
     variances[GYRO_BIAS] = settings.gyro_bias_std**2
     variances[VELOCITY_BIAS] = settings.velocity_bias_std**2
     variances[LENS] = settings.lens_distortion_std**2
     return np.diag(variances)
 
 
-def walk_densities(settings: SlamSettings) -> Array:
+def walk_densities(settings: RobocentricSettings) -> Array:
     """Variances (18,) of what the vehicle state changes by in a second, the twist left out."""
     densities = np.zeros(SIZE)
     densities[GYRO_BIAS] = settings.gyro_bias_walk_std**2

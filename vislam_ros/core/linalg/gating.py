@@ -14,6 +14,9 @@ from vislam_ros.core.motion import symmetrized
 
 Array = NDArray[np.float64]
 
+# What goes at a time: all that is at least so much as far off as the farthest, in squares.
+_AS_FAR_OFF = 0.5
+
 
 @compiled("float64(int64, float64[:, :], float64[:, :, :], float64[::1], float64[:, ::1])")
 def _squared_distance(n: int, residual: Array, covariance: Array, r: Array, C: Array) -> float:
@@ -129,7 +132,7 @@ def deletion_gate(chi2_gate: float, residual: Array, inverse: Array) -> Inliers:
         worst = float(np.max(distance))
         if worst <= chi2_gate:
             break
-        wrong = distance > max(chi2_gate, 0.5 * worst)
+        wrong = distance > max(chi2_gate, _AS_FAR_OFF * worst)
         stay = np.flatnonzero(np.repeat(~wrong, r))
         go = np.flatnonzero(np.repeat(wrong, r))
         cross = inverse[np.ix_(stay, go)]

@@ -156,7 +156,7 @@ class Tracks:
         )
 
     def restart(self, keys: Keys, *, rest: bool) -> None:
-        """End points whose observation was rejected; told so, their ids rest before."""
+        """End points whose observation was rejected; their ids may rest before they go on."""
         if len(keys):
             rejected = is_member(self._keys, keys)
             self._keys[rejected] = NO_KEY

@@ -12,6 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from vislam_ros.core.step import StepTotals
 from vislam_ros.data.evaluation.evaluate import compare, first_pose_alignment, path_length
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
 from vislam_ros.data.pictures import palette
@@ -154,14 +155,16 @@ def draw_steps(results: Results, reference: Trajectory | None = None) -> Figure:
     rejections.vlines(seconds, 0, steps["rejected"], color=palette.ESTIMATE, linewidth=0.9)
     rejections.set(ylabel="rejected", ylim=(0, max(1.0, 1.1 * np.max(steps["rejected"]))))
 
-    _draw_consistency(consistency, seconds, steps["nis"], steps["nis_dof"])
+    totals = StepTotals.of_table(steps)
+    _draw_consistency(consistency, seconds, steps["nis"], steps["nis_dof"], totals)
 
     duration.plot(seconds, steps["ms"], color=palette.ESTIMATE, linewidth=0.6)
-    middle, late = np.percentile(steps["ms"], [50, 99])
-    duration.axhline(middle, color=palette.REFERENCE, linewidth=0.9, label=f"p50 {middle:.1f} ms")
-    duration.axhline(
-        late, color=palette.REFERENCE, linewidth=0.9, linestyle="--", label=f"p99 {late:.1f} ms"
-    )
+    for percent, style in ((50, "-"), (99, "--")):
+        late = totals.ms_percentile(percent) or 0.0
+        label = f"p{percent} {late:.1f} ms"
+        duration.axhline(
+            late, color=palette.REFERENCE, linewidth=0.9, linestyle=style, label=label
+        )
     duration.set(ylabel="step [ms]", ylim=(0, max(1.5 * late, 1e-3)))
 
     heights = [("estimate", results.trajectory, results.trajectory.positions, palette.ESTIMATE)]
@@ -190,7 +193,9 @@ def draw_steps(results: Results, reference: Trajectory | None = None) -> Figure:
     return figure
 
 
-def _draw_consistency(axes: Axes, seconds: Array, nis: Array, dof: NDArray[np.int64]) -> None:
+def _draw_consistency(
+    axes: Axes, seconds: Array, nis: Array, dof: NDArray[np.int64], totals: StepTotals
+) -> None:
     """NIS per degree of freedom with the band that holds 95 % of it in a consistent filter."""
     measured = dof > 0
     seconds, nis, dof = seconds[measured], nis[measured], dof[measured]
@@ -202,7 +207,7 @@ def _draw_consistency(axes: Axes, seconds: Array, nis: Array, dof: NDArray[np.in
         seconds, low, high, color=palette.START, alpha=0.2, linewidth=0, label="95 % band"
     )
     axes.plot(seconds, nis / dof, ".", color=palette.ESTIMATE, markersize=3, label="each step")
-    mean = float(np.sum(nis) / np.sum(dof))
+    mean = totals.nis_per_dof or 0.0
     axes.axhline(mean, color=palette.REFERENCE, linewidth=0.9, label=f"mean {mean:.2f}")
     axes.set_ylim(0, max(2.0, 1.2 * float(np.percentile(nis / dof, 99))))
 

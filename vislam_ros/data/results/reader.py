@@ -11,14 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.data.results.landmark_map import read_landmarks
+from vislam_ros.core.step import KINDS
 from vislam_ros.data.files.parameter_file import Parameters, read_parameters
-from vislam_ros.data.results.writer import COVARIANCE_COLUMNS, STEP_COLUMNS, UPPER_TRIANGLE
+from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.data.results.summary import read_summary
+from vislam_ros.data.results.writer import COVARIANCE_COLUMNS, UPPER_TRIANGLE
 from vislam_ros.data.trajectory import Trajectory, parse_tum, stamp_from_text
 from vislam_ros.errors import VislamError
 
-_FLOAT_COLUMNS = ("nis", "ms")
+# Columns of steps.csv in the first version; those that came later stand behind them.
+_FIRST_COLUMNS = (
+    *("stamp", "frozen", "active", "used", "rejected", "observed", "admitted", "landmarks"),
+    *("nis", "nis_dof", "ms"),
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,8 @@ class Results:
         Of the smoothed poses, in the same way.
     landmarks : LandmarkMap or None
     steps : dict of str to ndarray, (S,)
-        Columns of ``steps.csv``; stamps in nanoseconds; empty where there is no such file.
+        Columns of ``steps.csv``; stamps in nanoseconds; empty where there is no such file. An
+        older directory has fewer, but always those from ``stamp`` to ``ms``.
     summary : dict
     parameters : dict of str to dict
         Node, then name, then value; empty where there is no such file.
@@ -112,11 +118,14 @@ def _read_trajectory(path: Path) -> Trajectory | None:
     return parse_tum(text, path) if text else None
 
 
-def _read_table(path: Path, columns: tuple[str, ...]) -> list[tuple[int, list[float]]]:
-    """Stamps and the numbers behind them, of each row of a CSV file."""
+def _read_table(
+    path: Path, first_columns: tuple[str, ...]
+) -> tuple[list[str], list[tuple[int, list[float]]]]:
+    """Columns of a CSV file that must begin with some, and of each row its stamp and the rest."""
     lines = _whole_lines(path).splitlines()
-    if lines and lines[0] != ",".join(columns):
-        raise VislamError(f"{path}: line 1 must be {','.join(columns)}")
+    columns = lines[0].split(",") if lines else list(first_columns)
+    if tuple(columns[: len(first_columns)]) != first_columns:
+        raise VislamError(f"{path}: line 1 must begin with {','.join(first_columns)}")
     table = []
     for number, row in enumerate(csv.reader(lines[1:]), start=2):
         parsed = _parsed(row) if len(row) == len(columns) else None
@@ -125,7 +134,7 @@ def _read_table(path: Path, columns: tuple[str, ...]) -> list[tuple[int, list[fl
                 f"{path}: line {number} is {','.join(row)!r}: it must hold {len(columns)} numbers"
             )
         table.append(parsed)
-    return table
+    return columns, table
 
 
 def _parsed(row: list[str]) -> tuple[int, list[float]] | None:
@@ -137,19 +146,18 @@ def _parsed(row: list[str]) -> tuple[int, list[float]] | None:
 
 def _read_covariances(path: Path, trajectory: Trajectory) -> NDArray[np.float64]:
     covariances = np.full((len(trajectory), 6, 6), np.nan)
-    rows = dict(_read_table(path, COVARIANCE_COLUMNS))
+    rows = dict(_read_table(path, COVARIANCE_COLUMNS)[1])
     i, j = UPPER_TRIANGLE
     for k, stamp in enumerate(trajectory.stamps.tolist()):
         if stamp in rows:
-            covariances[k, i, j] = covariances[k, j, i] = rows[stamp]
+            covariances[k, i, j] = covariances[k, j, i] = rows[stamp][: len(i)]
     return covariances
 
 
 def _read_steps(path: Path) -> dict[str, NDArray[Any]]:
-    table = _read_table(path, STEP_COLUMNS)
-    values = np.array([row for _, row in table]).reshape(len(table), len(STEP_COLUMNS) - 1)
+    columns, table = _read_table(path, _FIRST_COLUMNS)
+    values = np.array([row for _, row in table]).reshape(len(table), len(columns) - 1)
     steps: dict[str, NDArray[Any]] = {"stamp": np.array([s for s, _ in table], dtype=np.int64)}
-    for column, name in enumerate(STEP_COLUMNS[1:]):
-        kind = float if name in _FLOAT_COLUMNS else bool if name == "frozen" else np.int64
-        steps[name] = values[:, column].astype(kind)
+    for column, name in enumerate(columns[1:]):
+        steps[name] = values[:, column].astype(KINDS.get(name, float))
     return steps

@@ -7,7 +7,7 @@ one goes to ``pass_002`` inside the first one's directory, then ``pass_003``, an
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,10 @@ from typing import Any
 from numpy.typing import NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.core.step import Row
 from vislam_ros.data.bags.layout import Topic
-from vislam_ros.data.results.writer import ResultWriter
-from vislam_ros.data.results.summary import StepStatistics
 from vislam_ros.data.results.message_log import MessageLog
+from vislam_ros.data.results.writer import ResultWriter
 
 _MAP_SECONDS, _MAP_SECONDS_A_STEP = 60.0, 0.03
 
@@ -174,28 +174,23 @@ class Recording:
         self,
         pose: Pose,
         covariance_body: NDArray[Any],
-        statistics: StepStatistics,
-        raw_statistics: Raw,
-        gyro_bias: Sequence[float] | None,
+        row: Row,
+        raw_row: Raw,
         *,
         latency_ms: float,
-        first_of_pass: bool,
     ) -> None:
-        """Add a step: pose, its (6, 6) covariance in body axes, what it did, its bias (3,)."""
+        """Add a step: pose, its (6, 6) covariance in body axes, and its numbers by column."""
         last = self._current.last_stamp
         jumped = last is not None and pose.stamp <= last
-        if self._current.finished or jumped or (first_of_pass and last is not None):
+        if self._current.finished or jumped or (row["first_of_pass"] and last is not None):
             self._begin_pass(jumped=jumped)
         current = self._current
         current.steps += 1
         current.last_stamp = pose.stamp
-        current.writer.add_step(
-            pose.stamp, pose.position, pose.quaternion, covariance_body, statistics
-        )
-        current.writer.summary.gyro_bias = gyro_bias
+        current.writer.add_step(pose.position, pose.quaternion, covariance_body, row)
         current.writer.summary.latencies_ms.append(latency_ms)
         current.write_raw(pose.raw, pose.stamp)
-        current.write_raw(raw_statistics, pose.stamp)
+        current.write_raw(raw_row, pose.stamp)
 
     def add_prediction(self, pose: Pose) -> None:
         """Add a predicted pose, to the pass that its stamp belongs to."""

@@ -7,7 +7,6 @@ and the summary are replaced as whole files, about once a second.
 """
 
 import csv
-import dataclasses
 import errno
 import io
 import json
@@ -22,14 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.data.results.landmark_map import write_landmarks, write_point_cloud
+from vislam_ros.core.step import Row
 from vislam_ros.data.files.parameter_file import write_parameters
-from vislam_ros.data.results.summary import RunSummary, StepStatistics
-from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line, tum_text
 from vislam_ros.data.files.whole_file import replace_file
+from vislam_ros.data.results.landmark_map import write_landmarks, write_point_cloud
+from vislam_ros.data.results.summary import RunSummary
+from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line, tum_text
 from vislam_ros.errors import VislamError
-
-STEP_COLUMNS = tuple(field.name for field in dataclasses.fields(StepStatistics))
 
 _TANGENT = ("x", "y", "z", "rx", "ry", "rz")
 UPPER_TRIANGLE = np.triu_indices(6)
@@ -97,6 +95,7 @@ class ResultWriter:
         self.directory = directory
         self.summary = RunSummary() if started is None else RunSummary(started)
         self._files: dict[str, io.FileIO] = {}
+        self._columns: dict[str, Sequence[str]] = {}
         self._last_stamps: dict[str, int] = {}
         self._unwritten_landmarks: LandmarkMap | None = None
         self._finished = False
@@ -130,66 +129,47 @@ class ResultWriter:
 
     def add_step(
         self,
-        stamp: int,
         position: ArrayLike,
         quaternion: ArrayLike,
         covariance_body: ArrayLike,
-        statistics: StepStatistics,
+        row: Row,
     ) -> None:
-        """Add a pose and what its step did: :meth:`add_pose` and :meth:`add_statistics`."""
-        self.add_pose(stamp, position, quaternion, covariance_body)
-        self.add_statistics(statistics)
-
-    def add_pose(
-        self,
-        stamp: int,
-        position: ArrayLike,
-        quaternion: ArrayLike,
-        covariance_body: ArrayLike,
-    ) -> None:
-        """Add a pose of the estimate.
+        """Add a pose of the estimate, and what its step did.
 
         Parameters
         ----------
-        stamp : int
-            Nanoseconds, later than the pose before.
         position : array_like, (3,)
             Metres.
         quaternion : array_like, (4,)
             x, y, z, w.
         covariance_body : array_like, (6, 6)
             Of the error ``[rho; theta]`` on the right of the pose.
+        row : Row
+            Numbers of the step by column; its stamp is the pose's.
 
         Raises
         ------
         ValueError
-            Where the stamp is not later: begin another directory when time jumps back.
+            Where the stamp is not later than the one before (begin another directory when time
+            jumps back), or the columns are others.
         """
+        stamp = int(row["stamp"])
         self._append_pose("trajectory.tum", stamp, position, quaternion)
         self._append_row(
             "trajectory_covariance.csv",
             COVARIANCE_COLUMNS,
             _covariance_row(stamp, np.asarray(covariance_body, dtype=float)),
         )
-        self.summary.add_pose(stamp)
-        self.refresh()
-
-    def add_statistics(self, statistics: StepStatistics) -> None:
-        """Add a row to ``steps.csv``."""
-        row = [
-            stamp_text(statistics.stamp),
-            int(statistics.frozen),
-            *(getattr(statistics, name) for name in STEP_COLUMNS[2:8]),
-            float(statistics.nis),
-            statistics.nis_dof,
-            float(statistics.ms),
-        ]
-        self._append_row("steps.csv", STEP_COLUMNS, row)
-        self.summary.add_statistics(statistics)
+        cells: dict[str, object] = {
+            name: int(value) if isinstance(value, bool) else value for name, value in row.items()
+        }
+        cells["stamp"] = stamp_text(stamp)
+        self._append_row("steps.csv", tuple(cells), tuple(cells.values()))
+        self.summary.add_step(row)
         self.refresh()
 
     def add_dead_reckoning(self, stamp: int, position: ArrayLike, quaternion: ArrayLike) -> None:
-        """Add a pose of the prediction; arguments and errors as for :meth:`add_pose`."""
+        """Add a pose of the prediction at a stamp (ns); the rest as for :meth:`add_step`."""
         self._append_pose("dead_reckoning.tum", stamp, position, quaternion)
         self.refresh()
 
@@ -201,7 +181,7 @@ class ResultWriter:
         self.refresh()
 
     def set_smoothed(self, trajectory: Trajectory, covariances: ArrayLike) -> None:
-        """Write the smoothed poses and their covariances (N, 6, 6), as for :meth:`add_pose`."""
+        """Write the smoothed poses and their covariances (N, 6, 6), as for :meth:`add_step`."""
         replace_file(self.directory / "smoothed.tum", tum_text(trajectory).encode("ascii"))
         table = io.StringIO()
         rows = csv.writer(table, lineterminator="\n")
@@ -253,8 +233,11 @@ class ResultWriter:
     def _append_row(self, name: str, columns: Sequence[str], row: Sequence[object]) -> None:
         line = io.StringIO()
         table = csv.writer(line, lineterminator="\n")
-        if name not in self._files:
+        if name not in self._columns:
+            self._columns[name] = columns
             table.writerow(columns)
+        if columns != self._columns[name]:
+            raise ValueError(f"{name}: the columns are no longer {', '.join(self._columns[name])}")
         table.writerow(row)
         self._append(name, line.getvalue())
 

@@ -7,10 +7,11 @@ import functools
 import hashlib
 import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
+from vislam_ros.core.filters.registry import slam_settings
 from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
 from vislam_ros.data.simulation.simulate import SimulationSettings
 from vislam_ros.errors import SettingsError
@@ -19,6 +20,8 @@ SLAM, PREDICTION, SIMULATION = "slam_node", "imu_prediction_node", "simulate"
 
 #: Name of a swept setting, such as ``slam_node.chi2_gate`` -> one of its values.
 Point = dict[str, Any]
+
+S = TypeVar("S")
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,9 @@ class SweepPlan:
 
     Attributes
     ----------
-    slam, prediction : SlamSettings, PredictionSettings
-        What is not swept.
+    slam : mapping of str to Any
+        What is not swept, of whatever estimator.
+    prediction : PredictionSettings
     simulation : SimulationSettings or None
         As for a run.
     grid : mapping of str to sequence
@@ -69,7 +73,7 @@ class SweepPlan:
         Naming the setting and the value that will not do.
     """
 
-    slam: SlamSettings
+    slam: Mapping[str, Any]
     prediction: PredictionSettings
     simulation: SimulationSettings | None = None
     grid: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
@@ -128,7 +132,7 @@ class SweepPlan:
                 f"{next(iter(point))}: the drive is recorded, not simulated: leave DATA out and "
                 "add --simulate"
             )
-        slam = _replaced(SLAM, self.slam, given[SLAM])
+        slam = _checked(SLAM, given[SLAM], lambda values: slam_settings({**self.slam, **values}))
         prediction = _replaced(PREDICTION, self.prediction, given[PREDICTION])
         if self.simulation is not None:
             simulation = _replaced(SIMULATION, self.simulation, given[SIMULATION])
@@ -139,10 +143,21 @@ class SweepPlan:
 
 def _replaced(owner: str, settings: Any, values: Mapping[str, Any]) -> Any:
     """Put values over settings, checked."""
+    return _checked(
+        owner,
+        values,
+        lambda values: settings_from_dict(
+            type(settings), {**dataclasses.asdict(settings), **values}
+        ),
+    )
+
+
+def _checked(owner: str, values: Mapping[str, Any], make: Callable[[Mapping[str, Any]], S]) -> S:
+    """Make settings of values; errors name whose they are."""
     if "seed" in values:
         raise SettingsError(f"{owner}.seed: is set by the seeds of the sweep, not by its grid")
     try:
-        return settings_from_dict(type(settings), {**dataclasses.asdict(settings), **values})
+        return make(values)
     except SettingsError as error:
         raise SettingsError(f"{owner}.{error}") from error
 

@@ -11,6 +11,7 @@ import numpy as np
 import threadpoolctl
 
 from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.core.step import StepTotals
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import simulate
@@ -99,13 +100,14 @@ def _step_figures(solution: Solution) -> dict[str, float | None]:
     finite = np.isfinite(solution.trajectory.positions).all(axis=1)
     if not finite.all():
         raise VislamError(f"the estimate is not finite from step {int(np.argmin(finite))} on")
-    used, rejected = sum(step.used for step in steps), sum(step.rejected for step in steps)
-    dof = sum(step.nis_dof for step in steps)
+    totals = StepTotals()
+    for step in steps:
+        totals.add(step.row())
     return {
-        "steps": len(steps),
-        "frozen_steps": sum(bool(step.frozen) for step in steps),
+        "steps": totals.steps,
+        "frozen_steps": totals.frozen_steps,
         "landmarks": len(solution.landmarks),
-        "rejected_fraction": rejected / (used + rejected) if used + rejected else None,
-        "nis_per_dof": float(sum(step.nis for step in steps) / dof) if dof else None,
-        "step_ms_p50": float(np.median([step.duration_ms for step in steps])) if steps else None,
+        "rejected_fraction": totals.rejected_fraction,
+        "nis_per_dof": totals.nis_per_dof,
+        "step_ms_p50": totals.ms_percentile(50),
     }

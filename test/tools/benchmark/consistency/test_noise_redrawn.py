@@ -5,7 +5,8 @@ import pytest
 from benchmark.consistency.noise_redrawn import NoiseRedrawn, redraw
 from benchmark.recorded_drive import first_steps, twist_errors
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 from vislam_ros.data.solving import covariances_of, solve
@@ -30,7 +31,7 @@ def drive():
 
 @pytest.fixture(scope="module")
 def noise(drive):
-    return NoiseRedrawn(drive, drive.ground_truth, SlamSettings())
+    return NoiseRedrawn(drive, drive.ground_truth, RobocentricSettings())
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def test_what_slides_keeps_its_pixels_and_all_else_gets_others(noise, drive, dra
 
 
 def frozen_steps(drive):
-    solution = solve(drive, SlamSettings(), PredictionSettings())
+    solution = solve(drive, RobocentricSettings(), PredictionSettings())
     return np.flatnonzero([step.frozen for step in solution.steps])
 
 
@@ -68,7 +69,7 @@ def test_the_new_noise_is_as_large_as_the_old_and_independent_of_it(drive, drawn
     change = drawn.pixels[before].astype(float) - drive.pixels[before]
     spread = 1.4826 * np.median(np.abs(change))
     assert spread == pytest.approx(np.sqrt(2) * 0.7, rel=0.1)
-    again = NoiseRedrawn(drawn, drive.ground_truth, SlamSettings())
+    again = NoiseRedrawn(drawn, drive.ground_truth, RobocentricSettings())
     assert again.pixel_std == pytest.approx(0.7, rel=0.03)
     _, old = twist_errors(drive, drive.ground_truth)
     _, new = twist_errors(drawn, drive.ground_truth)
@@ -83,20 +84,20 @@ def test_twists_stay_where_only_pixels_are_drawn(noise, drive):
 
 def test_a_drive_whose_tracks_are_too_short_to_tell_is_refused(drive):
     with pytest.raises(VislamError, match="simulated: no track of 5 frames"):
-        NoiseRedrawn(first_steps(drive, 3), drive.ground_truth, SlamSettings())
+        NoiseRedrawn(first_steps(drive, 3), drive.ground_truth, RobocentricSettings())
 
 
 def test_the_drive_stands_beside_the_means_of_the_others(drive):
     report = redraw(
         drive,
         drive.ground_truth,
-        SlamSettings(),
+        RobocentricSettings(),
         PredictionSettings(),
         range(2),
         on_progress=lambda what: None,
     )
     itself, *others = report["runs"]
-    solution = solve(drive, SlamSettings(), PredictionSettings())
+    solution = solve(drive, RobocentricSettings(), PredictionSettings())
     covariances = covariances_of(solution.steps)
     expected = compare(drive.ground_truth, solution.trajectory, covariances)
     assert itself["nees"] == expected["nees_per_dof"]

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Monte-Carlo table says what the drives said."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from benchmark.consistency.simulated_drives import CELLS, Cell, MonteCarlo, spread, summary
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.filters.registry import replaced
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import simulate
 from vislam_ros.data.solving import covariances_of, solve
@@ -59,14 +59,14 @@ def test_drives_are_those_of_all_four_kinds_each_with_a_bias_of_its_own():
 
 
 def test_the_table_has_what_the_filters_made_of_each_drive():
-    settings = SlamSettings()
+    settings = RobocentricSettings()
     said = []
     table = MonteCarlo(settings, PredictionSettings(), on_progress=said.append).run([9], [CELL])
     assert [row["name"] for row in table["runs"]] == ["robocentric", "smoothed", "joint"]
     assert len(said) == table["seeds"] == len(table["drives"]) == 1
 
     drive = simulate(CELL.simulation(9)).drive
-    joint = dataclasses.replace(
+    joint = replaced(
         settings, estimator="joint", velocity_noise_std=0.1, angular_velocity_noise_std=0.01
     )
     for name, alone in (("robocentric", settings), ("joint", joint)):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from benchmark.consistency.track_errors import disparity_errors
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 
 
@@ -12,7 +13,7 @@ def errors(**noise):
     simulated = simulate(
         SimulationSettings(steps=150, landmarks=900, outlier_share=0.0, frozen_share=0.1, **noise)
     )
-    rows = disparity_errors(simulated.drive, SlamSettings(), PredictionSettings())
+    rows = disparity_errors(simulated.drive, RobocentricSettings(), PredictionSettings())
     assert sum(row["tracks"] for row in rows) > 100
     assert all(0 <= row["from_px"] < row["to_px"] for row in rows)
     return [row for row in rows if row["tracks"] > 30]

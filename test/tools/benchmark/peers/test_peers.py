@@ -15,8 +15,9 @@ from benchmark.peers.gtsam_runs import (
 from benchmark.peers.problem import PeerProblem
 from benchmark.steady_session import CAMERA
 
+from vislam_ros.core.filters.registry import slam_settings
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 
 pytest.importorskip("gtsam", reason="needs GTSAM: pip install gtsam")
@@ -121,7 +122,7 @@ def comparison(said):
     return PeerComparison(
         drive,
         drive.ground_truth,
-        settings_from_dict(SlamSettings, {"estimator": "robocentric"}),
+        slam_settings({}),
         PredictionSettings(),
         on_progress=said.append,
     )

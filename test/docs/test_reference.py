@@ -1,0 +1,109 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of topics, parameters, estimators, commands and rooms are those of the code."""
+
+import argparse
+import ast
+import dataclasses
+import re
+
+import pytest
+import yaml
+from places import REPOSITORY
+
+from vislam_ros.cli.parameters import SETTINGS_OF_NODES
+from vislam_ros.cli.parser import build_parser
+from vislam_ros.core.filters.registry import estimator_names
+from vislam_ros.data.bags import layout
+
+README = REPOSITORY / "README.md"
+DOCS = REPOSITORY / "docs"
+
+
+def table(page, first_heading):
+    """Rows of the table whose first heading is this one, as lists of cells."""
+    text = page.read_text()
+    block = re.search(rf"^\| {first_heading} \|.*\n\|[-|]+\|\n((?:\|.*\n)+)", text, re.MULTILINE)
+    return [[cell.strip() for cell in row.split("|")[1:-1]] for row in block[1].splitlines()]
+
+
+def names(cell):
+    return re.findall(r"`([^`]+)`", cell)
+
+
+def parameter_defaults():
+    return {
+        field.name: field.default
+        for classes in SETTINGS_OF_NODES.values()
+        for cls in classes
+        for field in dataclasses.fields(cls)
+    }
+
+
+def strings_of_the_package():
+    return {
+        node.value
+        for path in (REPOSITORY / "vislam_ros").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+
+
+def test_every_declared_topic_is_documented_with_its_type():
+    documented = {
+        row[0].strip("`/"): row[1].strip("`") for row in table(DOCS / "topics.md", "topic")
+    }
+    declared = {
+        topic.name.strip("/"): topic.msgtype.replace("/msg/", "/")
+        for topic in vars(layout).values()
+        if isinstance(topic, layout.Topic)
+    }
+    assert declared.items() <= documented.items()
+
+
+@pytest.mark.parametrize("page", [README, DOCS / "topics.md"], ids=lambda page: page.name)
+def test_every_documented_topic_is_named_in_the_code(page):
+    named = strings_of_the_package()
+    for row in table(page, "topic"):
+        for topic in names(row[0]):
+            assert topic in named or topic.strip("/") in named, topic
+
+
+@pytest.mark.parametrize("page", [README, DOCS / "parameters.md"], ids=lambda page: page.name)
+def test_every_documented_parameter_has_the_value_that_the_page_says(page):
+    defaults = parameter_defaults()
+    for row in table(page, "parameter"):
+        for name, value in zip(names(row[0]), row[1].split(", "), strict=True):
+            default = defaults[name]
+            first = default[0] if isinstance(default, tuple) else default
+            assert yaml.safe_load(value.split()[0].strip("`")) == first, name
+
+
+def test_every_parameter_that_a_situation_asks_for_exists():
+    declared = parameter_defaults().keys()
+    for row in table(DOCS / "parameters.md", "you have"):
+        settings = [name for name in names(row[1]) if not name.startswith("--")]
+        assert {setting.partition(":")[0] for setting in settings} <= declared
+
+
+def test_the_table_of_estimators_is_that_of_the_code():
+    assert [names(row[0])[0] for row in table(DOCS / "estimators.md", "value")] == list(
+        estimator_names()
+    )
+
+
+def test_the_table_of_commands_is_that_of_the_parser():
+    parser = build_parser()
+    (commands,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    documented = {names(row[0])[0].split()[1] for row in table(README, "command")}
+    assert documented == set(commands.choices)
+
+
+def test_the_table_of_rooms_is_that_of_the_folders():
+    documented = [names(row[0])[0] for row in table(REPOSITORY / "CONTRIBUTING.md", "room")]
+    folders = {
+        str(path.parent.relative_to(REPOSITORY))
+        for root in ("vislam_ros", "tools")
+        for path in (REPOSITORY / root).rglob("*.py")
+    }
+    assert sorted(documented) == sorted(folders - {"vislam_ros"})

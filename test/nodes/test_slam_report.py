@@ -1,0 +1,99 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What slam_node says of its steps, and what is read of that."""
+
+import pytest
+from rclpy.node import Node
+
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
+from vislam_ros.core.slam import Slam
+from vislam_ros.core.step import StepTotals
+from vislam_ros.nodes import conversions
+from vislam_ros.nodes.conversions import MessageError
+from vislam_ros.nodes.slam_report import SlamReport, row_from_values, step_values
+
+
+@pytest.fixture
+def core(drive):
+    core = Slam(RobocentricSettings(min_observations=1))
+    core.set_camera(drive.camera)
+    return core
+
+
+@pytest.fixture
+def steps(core, drive):
+    steps = []
+    for prediction, features in zip(drive.predictions, drive.features, strict=True):
+        steps += core.add_prediction(*conversions.pose_from_odometry(prediction))
+        steps += core.add_features(*conversions.features_from_message(features))
+    return steps
+
+
+@pytest.fixture
+def report(core, make_node):
+    class Probe(Node):
+        def __init__(self, **options):
+            super().__init__("probe", **options)
+
+    return SlamReport(make_node(Probe), core)
+
+
+def texts(values):
+    """Values as a message carries them."""
+    return {value.key: value.value for value in conversions.status("slam_step", values).values}
+
+
+def test_a_row_comes_out_of_a_message_as_it_went_in(steps):
+    for step in steps:
+        row, latency_ms = row_from_values(texts(step_values(step.row(), 1.5)))
+        assert list(row.items()) == list(step.row().items())
+        assert [type(value) for value in row.values()] == [
+            type(value) for value in step.row().values()
+        ]
+        assert latency_ms == 1.5
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"used": "many"}, "many"),
+        ({"gyro_bias_x": "none"}, "none"),
+        ({"used": None, "nis": None}, "without nis, used"),
+        ({"latency_ms": None}, "latency_ms"),
+    ],
+)
+def test_a_message_that_lacks_a_number_is_refused(steps, change, words):
+    values = {**texts(step_values(steps[0].row(), 1.5)), **change}
+    values = {name: text for name, text in values.items() if text is not None}
+    with pytest.raises(MessageError, match=words) as refusal:
+        row_from_values(values)
+    assert refusal.value.reason == "bad_fields"
+
+
+def test_diagnostics_tell_what_the_steps_since_the_last_report_amount_to(report, steps):
+    for part in (steps[:5], steps[5:]):
+        totals = StepTotals()
+        for step in part:
+            report.add(step, step.row())
+            totals.add(step.row())
+        values = report.values()
+        assert totals.nis_dof > 0
+        assert values["NIS per degree of freedom"] == totals.nis_per_dof
+        assert values["rejected [%]"] == 100 * totals.rejected_fraction
+        assert values["step max [ms]"] == max(step.ms for step in part)
+    assert values["steps"] == len(steps)
+    assert "step max [ms]" not in report.values()
+
+
+def test_diagnostics_tell_what_the_filter_estimates_with_its_deviation_and_unit(report, steps):
+    report.add(steps[-1], steps[-1].row())
+    values, row = report.values(), steps[-1].row()
+    for name, label in (
+        ("gyro_bias_y", "gyro bias y [rad/s]"),
+        ("gyro_bias_std_z", "gyro bias std z [rad/s]"),
+        ("velocity_bias_y", "velocity bias y [m/s]"),
+        ("lens_distortion_std", "lens distortion std"),
+        ("pixel_noise_std", "pixel noise std [px]"),
+        ("velocity_walk_std_x", "velocity walk std x [m/s/sqrt(s)]"),
+    ):
+        assert values[label] == row[name]
