@@ -49,7 +49,7 @@ class KeepingFilter:
             H[:, :, : self.s] = operation.H_vehicle
             for i, slot in enumerate(operation.slots):
                 H[i, :, self.own(slot)] = operation.H_landmark[i]
-            R = np.kron(np.eye(n), operation.noise)
+            R = scipy.linalg.block_diag(*[operation.noise] * n)
             self.update(H.reshape(n * r, -1), R, operation.residual.ravel())
         elif isinstance(operation, VehicleCorrection):
             H = np.zeros((len(operation.H), len(self.P)))
@@ -104,7 +104,7 @@ class KeepingFilter:
     def marginalize(self, operation: Marginalization) -> None:
         means, J_vehicle, J_landmark = operation.positions()
         J = np.zeros((len(means), 3, len(self.P)))
-        for i, slot in enumerate(np.flatnonzero(operation.gone)):
+        for i, slot in enumerate(np.flatnonzero(operation.gone).tolist()):
             J[i, :, self.own(slot)] = np.eye(3) if J_landmark is None else J_landmark[i]
         if J_vehicle is not None:
             J[:, :, : self.s] = J_vehicle

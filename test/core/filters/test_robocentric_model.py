@@ -4,18 +4,22 @@ import numpy as np
 import pytest
 from numerics import CAMERA, difference
 from numpy.testing import assert_allclose
+from numpy.typing import NDArray
 
 from vislam_ros.core.filters import robocentric_model as model
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.warp import warp
+from vislam_ros.core.operations.correction import VehicleCorrection
+
+Array = NDArray[np.float64]
 
 TWIST = np.array([8.0, 0.4, -0.2, 0.02, -0.05, 0.3])
 SECONDS = 0.1
 
 
-def test_the_transition_is_the_motions_derivative_by_finite_differences():
+def test_the_transition_is_the_motions_derivative_by_finite_differences() -> None:
     rng = np.random.default_rng(71)
     left = rng.uniform([300, 100], [900, 250], (2, 2))
     y = np.column_stack([left[:, 0], left[:, 0] - rng.uniform(5, 30, 2), left[:, 1]])
@@ -23,7 +27,7 @@ def test_the_transition_is_the_motions_derivative_by_finite_differences():
     warped = warp(CAMERA, y, motion)
     D, D_new = radial_shift(CAMERA, y), radial_shift(CAMERA, warped.y)
 
-    def error_after(error):
+    def error_after(error: Array) -> Array:
         true_twist, kappa = TWIST + error[model.TWIST], error[model.LENS]
         moved = se3.exp(error[model.POSE]) @ se3.exp(SECONDS * true_twist)
         true_y = y + error[model.SIZE :].reshape(2, 3) + kappa * D
@@ -45,12 +49,12 @@ def test_the_transition_is_the_motions_derivative_by_finite_differences():
 
 @pytest.mark.parametrize(("slip_std", "rows"), [(0.25, 8), (0.0, 6)])
 def test_a_measured_twist_tells_twist_and_biases_and_that_a_vehicle_goes_where_it_points(
-    slip_std, rows
-):
+    slip_std: float, rows: int
+) -> None:
     measurement = model.TwistMeasurement(slip_std, axle_distance=2.0)
     measured = TWIST + 0.1
 
-    def correction(state):
+    def correction(state: Array) -> VehicleCorrection:
         twist = TWIST + state[model.TWIST]
         error = measurement.error(
             measured, twist, state[model.GYRO_BIAS], state[model.VELOCITY_BIAS]
@@ -67,13 +71,12 @@ def test_a_measured_twist_tells_twist_and_biases_and_that_a_vehicle_goes_where_i
     assert_allclose(correction(at_zero).noise[6:], slip[: rows - 6])
 
 
-def test_the_vehicle_state_walks_in_twist_and_biases_alone():
+def test_of_what_is_known_at_the_start_biases_walk_and_all_is_uncertain() -> None:
     settings = RobocentricSettings(
         prior_pose_variance=0.5, gyro_bias_walk_std=0.2, velocity_bias_walk_std=0.1
     )
-    Q = model.walk_covariance(settings, np.arange(1.0, 7.0), 0.5)
-    expected = [0.0] * 6 + [0.5, 1, 1.5, 2, 2.5, 3] + [0.02] * 3 + [0.005] * 2 + [0.0]
-    assert_allclose(Q, np.diag(expected))
+    expected = [0.0] * 12 + [0.04] * 3 + [0.01] * 2 + [0.0]
+    assert_allclose(model.walk_densities(settings), expected)
     prior = np.diag(model.prior_covariance(settings))
     assert_allclose(prior[model.POSE], 0.5)
     assert prior[model.LENS] == settings.lens_distortion_std**2

@@ -6,6 +6,7 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 
 from vislam_ros.core.linalg.linear_update import (
+    FreshMemory,
     Scratch,
     correct,
     correct_directly,
@@ -144,6 +145,13 @@ def test_scratch_gives_the_same_memory_again_in_every_size():
     assert np.shares_memory(large, scratch.matrix("a", 7, 5))
     assert not np.shares_memory(large, scratch.matrix("b", 7, 5))
     assert scratch.matrix("a", 100, 50).shape == (100, 50)
+
+
+def test_fresh_memory_is_never_given_twice():
+    fresh = FreshMemory()
+    assert not np.shares_memory(fresh.matrix("a", 4, 5), fresh.matrix("a", 4, 5))
+    P = problem(9, 1)[0]
+    assert not np.shares_memory(fresh.successor(P, 5), fresh.successor(P, 5))
 
 
 def test_mirroring_takes_one_triangle_at_every_size():

@@ -11,7 +11,7 @@ S = 6
 
 
 @pytest.mark.parametrize("correlated", [True, False])
-def test_landmarks_join_with_what_they_share_with_the_vehicle(correlated):
+def test_landmarks_join_with_what_they_share_with_the_vehicle(correlated: bool) -> None:
     rng = np.random.default_rng(51)
     half, noise = rng.standard_normal((S + 6, S + 6)), rng.standard_normal((2, 3, 3))
     P, noise = half @ half.T, noise @ np.swapaxes(noise, 1, 2)

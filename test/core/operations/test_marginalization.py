@@ -11,7 +11,7 @@ def nobody_asks() -> WorldPositions:
     raise AssertionError("positions are worked out in the step of a filter")
 
 
-def test_what_stays_keeps_its_covariance_and_no_position_is_worked_out():
+def test_what_stays_keeps_its_covariance_and_no_position_is_worked_out() -> None:
     half = np.random.default_rng(61).standard_normal((15, 15))
     P = half @ half.T
     state = ErrorState(P, 6)

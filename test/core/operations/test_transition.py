@@ -11,14 +11,14 @@ from vislam_ros.core.operations.transition import RandomWalk, Transition, Vehicl
 S = 9
 
 
-def random_state(rng, n):
+def random_state(rng: np.random.Generator, n: int) -> ErrorState:
     half = rng.standard_normal((S + 3 * n, S + 3 * n))
     return ErrorState(half @ half.T, S)
 
 
 @pytest.mark.parametrize("corrected", [True, False], ids=["corrected before", "as it was"])
 @pytest.mark.parametrize("n", [0, 1, 5])
-def test_a_transition_is_the_matrix_product(n, corrected):
+def test_a_transition_is_the_matrix_product(n: int, corrected: bool) -> None:
     rng = np.random.default_rng(n)
     state = random_state(rng, n)
     P = state.covariance.copy()
@@ -38,7 +38,7 @@ def test_a_transition_is_the_matrix_product(n, corrected):
 
 
 @pytest.mark.parametrize("n", [0, 4])
-def test_a_vehicle_moves_past_landmarks_that_stay(n):
+def test_a_vehicle_moves_past_landmarks_that_stay(n: int) -> None:
     rng = np.random.default_rng(n)
     state = random_state(rng, n)
     P, A = state.covariance.copy(), rng.standard_normal((S, S))
@@ -47,7 +47,7 @@ def test_a_vehicle_moves_past_landmarks_that_stay(n):
     assert_allclose(state.covariance, F @ P @ F.T, rtol=1e-12, atol=1e-12)
 
 
-def test_a_random_walk_is_the_vehicles_alone():
+def test_a_random_walk_is_the_vehicles_alone() -> None:
     rng = np.random.default_rng(5)
     state = random_state(rng, 2)
     P, Q = state.covariance.copy(), np.diag(rng.random(S))

@@ -39,8 +39,9 @@ class RandomCourse:
     def step(self) -> list[Operation[Any]]:
         """Some of each kind, in any order."""
         done: list[Operation[Any]] = []
-        for draw in self.rng.permutation([self.motion, self.corrections, self.leave, self.join]):
-            done += draw()
+        kinds = [self.motion, self.corrections, self.leave, self.join]
+        for kind in self.rng.permutation(len(kinds)):
+            done += kinds[kind]()
         return done
 
     def motion(self) -> list[Operation[Any]]:

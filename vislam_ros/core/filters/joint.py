@@ -153,14 +153,15 @@ class JointFilter:
         innovation = seen.innovation_in(self._state)
         inliers = predicted.visible & passes_gates(
             residual,
-            innovation.covariances(residual.shape[1]),
+            innovation.covariances(),
             self._settings.chi2_gate,
             self._settings.pixel_gate,
         )
         if not np.any(inliers):
             return Outcome(rejected=keys)
+        some = innovation.of(inliers, self._state.scratch)
         try:
-            corrected = self._state.apply(seen.by(inliers, innovation))
+            corrected = self._state.apply(seen.by(inliers, some))
         except scipy.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             return Outcome(rejected=keys)

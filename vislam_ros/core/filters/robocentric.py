@@ -73,7 +73,7 @@ from vislam_ros.core.filters.robocentric_model import (
     TwistMeasurement,
     prior_covariance,
     transition_of,
-    walk_covariance,
+    walk_densities,
 )
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
@@ -148,6 +148,7 @@ class RobocentricFilter:
         )
         self._disparity_prior = DisparityPrior() if settings.disparity_prior else None
         self._twist_measurement = TwistMeasurement(settings.slip_std, settings.axle_distance)
+        self._walk_densities = walk_densities(settings)
         self._state = ErrorState(prior_covariance(settings), SIZE, tape)
         self._marginalized = ImagePointMap(camera)
         self.T_world_body = np.eye(4)
@@ -195,14 +196,14 @@ class RobocentricFilter:
         if self._settings.learn_noise and moved and outcome.used:
             self._learn_motion_noise(*before, measured, tau)
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
-        new = ~(known | is_member(frame.keys, behind_camera))
+        contradicted = is_member(frame.keys, behind_camera)
+        new = ~(known | contradicted)
         self._initialize(frame.keys[new], frame.pixels[new], frame.copied[new])
         self._state.end_step(self.T_world_body)
-        contradicted = behind_camera[is_member(behind_camera, frame.keys)]
         return replace(
             outcome,
             admitted=int(np.count_nonzero(new)),
-            rejected=np.concatenate([outcome.rejected, contradicted]),
+            rejected=np.concatenate([outcome.rejected, frame.keys[contradicted]]),
             twist=Twist(self.twist, self.covariance[TWIST, TWIST].copy()),
             estimates=self._estimates(),
         )
@@ -232,8 +233,8 @@ class RobocentricFilter:
 
     def _walk(self, tau: float) -> tuple[Array, Array]:
         """``P <- P + Q``; return the twist (6,) and its variances (6,) as they stand then."""
-        Q = walk_covariance(self._settings, self._motion_noise.walk_variance, tau)
-        self._state.apply(RandomWalk(Q))
+        self._walk_densities[TWIST] = self._motion_noise.walk_variance
+        self._state.apply(RandomWalk(np.diag(tau * self._walk_densities)))
         return self.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
 
     def _measure_twist(self, measured: Array, tau: float) -> None:
@@ -277,9 +278,9 @@ class RobocentricFilter:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             self._marginalize(is_member(self.keys, keys))
             return Outcome(rejected=keys)
-        residual, noise = residual[inliers.indices], noise[inliers.indices]
-        rejected = np.delete(keys, inliers.indices)
-        if len(rejected):
+        residual, noise, rejected = residual[inliers.indices], noise[inliers.indices], keys[:0]
+        if len(residual) < len(keys):
+            rejected = np.delete(keys, inliers.indices)
             self._marginalize(is_member(self.keys, rejected))
             slots = indices_of(keys[inliers.indices], self.keys)
         if not len(slots):
@@ -303,9 +304,7 @@ class RobocentricFilter:
         used = self._track_noise.components
         numbers = alone[:, None], used
         together = DirectCorrection(residual[numbers], noise[numbers], slots[alone], used)
-        size = together.residual.size
-        S = self._state.scratch.matrix("work", size, size)
-        agreed = deletion_gate(gate, together.residual, together.inverse_in(self._state, S))
+        agreed = deletion_gate(gate, together.residual, together.inverse_in(self._state))
         return agreed._replace(indices=alone[agreed.indices])
 
     def _learn_motion_noise(

@@ -58,23 +58,12 @@ def prior_covariance(settings: RobocentricSettings) -> Array:
     return np.diag(variances)
 
 
-def walk_covariance(
-    settings: RobocentricSettings, twist_walk_variance: Array, tau: float
-) -> Array:
-    """Covariance Q (18, 18) of what the vehicle state changes by in tau seconds.
-
-    Parameters
-    ----------
-    settings : RobocentricSettings
-    twist_walk_variance : ndarray, (6,)
-        Of the twist's change in a second.
-    tau : float
-    """
-    variances = np.zeros(SIZE)
-    variances[TWIST] = tau * twist_walk_variance
-    variances[GYRO_BIAS] = tau * settings.gyro_bias_walk_std**2
-    variances[VELOCITY_BIAS] = tau * settings.velocity_bias_walk_std**2
-    return np.diag(variances)
+def walk_densities(settings: RobocentricSettings) -> Array:
+    """Variances (18,) of what the vehicle state changes by in a second, the twist left out."""
+    densities = np.zeros(SIZE)
+    densities[GYRO_BIAS] = settings.gyro_bias_walk_std**2
+    densities[VELOCITY_BIAS] = settings.velocity_bias_walk_std**2
+    return densities
 
 
 class TwistMeasurement:

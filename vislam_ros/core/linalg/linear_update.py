@@ -54,6 +54,14 @@ class Scratch:
         return self.matrix(name, size, size)
 
 
+class FreshMemory(Scratch):
+    """Scratch that gives new matrices: for whoever keeps what was worked out in them."""
+
+    def matrix(self, name: str, rows: int, columns: int) -> Array:
+        """Return a new matrix, C-ordered, with anything in it."""
+        return np.empty((rows, columns))
+
+
 def marginal(P: Array, rows: NDArray[np.int64], scratch: Scratch) -> Array:
     """Covariance (k, k) of some components of an error state, the others left out."""
     rest = scratch.successor(P, len(rows))

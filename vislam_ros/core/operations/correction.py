@@ -16,7 +16,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.linalg.linear_update import Corrected, correct, diagonal_blocks, whitened
+from vislam_ros.core.linalg.linear_update import (
+    Corrected,
+    Scratch,
+    correct,
+    diagonal_blocks,
+    take,
+    whitened,
+)
 from vislam_ros.core.operations.error_state import ErrorState, Operation
 
 Array = NDArray[np.float64]
@@ -30,14 +37,25 @@ class Innovation(NamedTuple):
     HP : ndarray, (n r, D)
     S : ndarray, (n r, n r)
         ``H P H^T + R``.
+    r : int
     """
 
     HP: Array
     S: Array
+    r: int
 
-    def covariances(self, r: int) -> Array:
+    def covariances(self) -> Array:
         """Covariance (n, r, r) of each group's innovation."""
-        return diagonal_blocks(self.S, r)
+        return diagonal_blocks(self.S, self.r)
+
+    def of(self, groups: NDArray[np.bool_], scratch: Scratch) -> "Innovation":
+        """Return that of some groups (n,)."""
+        rows, columns = np.flatnonzero(np.repeat(groups, self.r)), np.arange(self.HP.shape[1])
+        HP = scratch.matrix("HP of some", len(rows), len(columns))
+        S = scratch.matrix("S of some", len(rows), len(rows))
+        take(self.HP, rows, columns, HP)
+        take(self.S, rows, rows, S)
+        return Innovation(HP, S, self.r)
 
 
 @dataclass(frozen=True)
@@ -67,33 +85,37 @@ class Correction(Operation[Corrected]):
 
     def innovation_in(self, state: ErrorState) -> Innovation:
         """Work out H P and S without multiplying by the zeros of H."""
-        P, s = state.covariance, state.vehicle_size
-        n, r = self.residual.shape
-        of_landmarks = P[s:].reshape(-1, 3, len(P))[self.slots]
-        HP = (self.H_vehicle @ P[:s] + self.H_landmark @ of_landmarks).reshape(n * r, len(P))
-        columns = HP.T[state.rows_of(self.slots).ravel()].reshape(n, 3, n * r)
-        S = (self.H_landmark @ columns).reshape(n * r, n * r)
+        P, s, scratch = state.covariance, state.vehicle_size, state.scratch
+        (n, r), D = self.residual.shape, len(P)
+        rows = state.rows_of(self.slots).ravel()
+        HP, S = scratch.matrix("HP", n * r, D), scratch.matrix("S", n * r, n * r)
+        P_L, work = scratch.matrix("P_L", 3 * n, D), scratch.matrix("work", n * r, D)
+        take(P, rows, np.arange(D), P_L)
+        np.matmul(self.H_vehicle, P[:s], out=HP.reshape(n, r, D))
+        np.matmul(self.H_landmark, P_L.reshape(n, 3, D), out=work.reshape(n, r, D))
+        HP += work
+        columns = HP.T[rows].reshape(n, 3, n * r)
+        np.matmul(self.H_landmark, columns, out=S.reshape(n, r, n * r))
         S += self.H_vehicle.reshape(n * r, s) @ HP.T[:s]
         blocks = S.reshape(n, r, n, r)
         blocks[np.arange(n), :, np.arange(n), :] += self.noise
-        return Innovation(HP, S)
+        return Innovation(HP, S, r)
 
     def by(self, inliers: NDArray[np.bool_], innovation: Innovation) -> "Correction":
-        """Return the correction by some (n,) of these landmarks, with an innovation of all."""
-        rows = np.repeat(inliers, self.residual.shape[1])
+        """Return the correction by some (n,) of these landmarks, given their innovation."""
         return Correction(
             self.residual[inliers],
             self.noise,
             self.H_vehicle[inliers],
             self.H_landmark[inliers],
             self.slots[inliers],
-            Innovation(innovation.HP[rows], innovation.S[np.ix_(rows, rows)]),
+            innovation,
         )
 
     def forward(self, state: ErrorState) -> Corrected:
         """``P <- P - Y^T Y``."""
-        HP, S = self.innovation or self.innovation_in(state)
-        return correct(state.covariance, S, HP, self.residual.ravel())
+        innovation = self.innovation or self.innovation_in(state)
+        return correct(state.covariance, innovation.S, innovation.HP, self.residual.ravel())
 
     def recorded(self) -> "Correction":
         """All but the innovation, which is large and can be worked out again."""

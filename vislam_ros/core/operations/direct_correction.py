@@ -73,17 +73,18 @@ class DirectCorrection(Operation[DirectlyCorrected]):
         """Rows of what is observed, in its order, and of all else."""
         return seen_and_rest(self.slots, self.components, state.active, state.vehicle_size)
 
-    def inverse_in(self, state: ErrorState, into: Array) -> Array:
-        """Put ``S^-1`` into a matrix (n r, n r)."""
+    def inverse_in(self, state: ErrorState) -> Array:
+        """Work out ``S^-1`` (n r, n r)."""
         seen, _ = self.seen_and_rest(state)
-        innovation_covariance(state.covariance, seen, self.noise.ravel(), into)
-        return inverse_of_positive(into)
+        S = state.scratch.matrix("work", len(seen), len(seen))
+        innovation_covariance(state.covariance, seen, self.noise.ravel(), S)
+        return inverse_of_positive(S)
 
     def forward(self, state: ErrorState) -> DirectlyCorrected:
         """``P_LL <- R - R S^-1 R`` and what follows from it for the others."""
         r, variances = self.residual.ravel(), self.noise.ravel()
         if self.inliers is None:
-            inverse = self.inverse_in(state, np.empty((len(r), len(r))))
+            inverse = self.inverse_in(state)
             weighted = inverse @ r
         else:
             inverse, weighted = self.inliers.inverse, self.inliers.weighted

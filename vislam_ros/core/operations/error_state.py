@@ -57,6 +57,8 @@ class ErrorState:
         Size s of the vehicle state.
     tape : Recorder, optional
         Where to record for the backward pass.
+    scratch : Scratch, optional
+        Where operations work; what they return may lie there.
 
     Attributes
     ----------
@@ -64,9 +66,15 @@ class ErrorState:
     scratch : Scratch
     """
 
-    def __init__(self, covariance: Array, vehicle_size: int, tape: Recorder | None = None):
+    def __init__(
+        self,
+        covariance: Array,
+        vehicle_size: int,
+        tape: Recorder | None = None,
+        scratch: Scratch | None = None,
+    ):
         self.vehicle_size = vehicle_size
-        self.scratch = Scratch()
+        self.scratch = scratch or Scratch()
         self._P = covariance.copy()
         self._downdate: Array | None = None
         self._tape = tape

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.linalg.linear_update import FreshMemory
 from vislam_ros.core.operations.correction import Correction, VehicleCorrection
 from vislam_ros.core.operations.direct_correction import DirectCorrection
 from vislam_ros.core.operations.error_state import ErrorState, Operation, PoseMark
@@ -85,7 +86,7 @@ def smooth(tape: Tape) -> Smoothed:
     landmarks: list[tuple[Keys, Array, Array]] = []
     adjoint: Adjoint | None = None
     for checkpoint in reversed(tape.checkpoints):
-        state = ErrorState(checkpoint.covariance, tape.vehicle_size)
+        state = ErrorState(checkpoint.covariance, tape.vehicle_size, scratch=FreshMemory())
         steps = [
             _ADJOINTS[type(operation)](operation, state) for operation in checkpoint.operations
         ]
