@@ -151,6 +151,11 @@ def settings_from_dict(cls: type[S], values: Mapping[str, Any]) -> S:
     return cls(**checked)
 
 
+def changed(settings: S, **values: Any) -> S:
+    """Put values by name over settings, checked as :func:`settings_from_dict` does."""
+    return settings_from_dict(type(settings), {**dataclasses.asdict(settings), **values})
+
+
 def nearest_name(name: str, declared: Iterable[str]) -> str:
     """Hint at the declared name that is most like a wrong one, if there is any."""
     nearest = difflib.get_close_matches(name, list(declared), n=1)

@@ -16,7 +16,7 @@ from vislam_ros.core.step import SlamStep
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.results.summary import peak_rss_mb
 from vislam_ros.data.results.writer import ResultWriter, refuse_used
-from vislam_ros.data.solving import Solution, smoothed_trajectory, solve
+from vislam_ros.data.solving import Solution, solve
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -33,14 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
         writer.set_parameters(_as_used(parameters))
         solution = _solve(drive, parameters, writer, smooth=arguments.smooth)
         writer.set_landmarks(solution.landmarks)
-        if solution.smoothed is not None:
-            smoothed = solution.smoothed
-            writer.set_smoothed(
-                smoothed_trajectory(smoothed),
-                smoothed.covariances,
-            )
-        writer.summary.refused = solution.refused
-        writer.summary.resets = solution.resets
+        if solution.smoothed is not None and solution.smoothed.covariances is not None:
+            writer.set_smoothed(solution.smoothed, solution.smoothed.covariances)
+        writer.summary.refused = solution.summary["refused"]
+        writer.summary.resets = solution.summary["resets"]
         writer.summary.peak_rss_mb = peak_rss_mb()
         writer.finish(complete=True)
     print_summary(f"{drive.name} in {arguments.out}", writer.summary.as_dict())

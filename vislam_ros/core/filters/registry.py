@@ -9,14 +9,14 @@ outside when it is named as ``module:Class``.
 
 import dataclasses
 import importlib
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.settings import SlamSettings, nearest_name, settings_from_dict
-from vislam_ros.errors import SettingsError
+from vislam_ros.errors import SettingsError, VislamError
+from vislam_ros.outside import import_outside, in_a_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,6 +39,16 @@ _MODULES = {
         "dead_reckoning",
     )
 }
+
+# Of an Estimator, see vislam_ros.core.filters.estimator.
+_PARTS = (
+    "T_world_body",
+    "pose_covariance",
+    "active",
+    "landmark_count",
+    "step",
+    "landmarks",
+)
 
 
 @dataclass(frozen=True)
@@ -81,6 +91,25 @@ class Registration:
     def needs_map(self) -> bool:
         """Whether it works on a given map."""
         return issubclass(self.settings, GivenMapSettings)
+
+    def made(self, settings: SlamSettings, given: Surroundings) -> "Estimator":
+        """Make the estimator.
+
+        Raises
+        ------
+        SettingsError
+            Where that fails, or what is made lacks a part of an estimator.
+        """
+        try:
+            estimator = self.make(settings, given)
+        except TypeError as error:
+            raise SettingsError(
+                f"estimator: {self.name!r} cannot be made: {in_a_line(error)}"
+            ) from error
+        lacking = [name for name in _PARTS if not hasattr(estimator, name)]
+        if lacking:
+            raise SettingsError(f"estimator: {self.name!r} has no {', '.join(lacking)}")
+        return estimator
 
     def require_smoothable(self) -> None:
         """Raise a SettingsError where it cannot be smoothed."""
@@ -167,16 +196,10 @@ def estimator_named(name: str) -> Registration:
 
 def _outside(name: str, module: str, attribute: str) -> Registration:
     """Import the estimator ``module:Class``, which registers itself."""
-    # A file in the current folder is found, too, by whatever command.
-    if "" not in sys.path:
-        sys.path.append("")
     try:
-        made = getattr(importlib.import_module(module), attribute)
-    except Exception as error:  # it is not our code
-        reason = str(error).partition("\n")[0]
-        raise SettingsError(
-            f"estimator: {name!r} cannot be imported: {type(error).__name__}: {reason}"
-        ) from error
+        made = getattr(import_outside(module), attribute)
+    except (VislamError, AttributeError) as error:
+        raise SettingsError(f"estimator: {name!r}: {error}") from error
     for registration in _registered.values():
         if registration.make is made:
             return registration

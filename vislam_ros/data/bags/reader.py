@@ -27,8 +27,7 @@ from vislam_ros.data.bags.layout import (
     TWIST,
     Topic,
 )
-from vislam_ros.data.datasets.sparse_features import image_size_that_holds
-from vislam_ros.data.drive import Drive
+from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 

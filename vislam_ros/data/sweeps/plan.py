@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from vislam_ros.core.filters.registry import slam_settings
-from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
+from vislam_ros.core.settings import PredictionSettings, SlamSettings, changed
 from vislam_ros.data.simulation.simulate import SimulationSettings
 from vislam_ros.errors import SettingsError
 
@@ -143,13 +143,7 @@ class SweepPlan:
 
 def _replaced(owner: str, settings: Any, values: Mapping[str, Any]) -> Any:
     """Put values over settings, checked."""
-    return _checked(
-        owner,
-        values,
-        lambda values: settings_from_dict(
-            type(settings), {**dataclasses.asdict(settings), **values}
-        ),
-    )
+    return _checked(owner, values, lambda values: changed(settings, **values))
 
 
 def _checked(owner: str, values: Mapping[str, Any], make: Callable[[Mapping[str, Any]], S]) -> S:

@@ -9,7 +9,7 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
-from vislam_ros.data.solving import covariances_of, solve
+from vislam_ros.data.solving import solve
 from vislam_ros.errors import VislamError
 
 SETTINGS = SimulationSettings(
@@ -54,7 +54,7 @@ def test_what_slides_keeps_its_pixels_and_all_else_gets_others(noise, drive, dra
 
 def frozen_steps(drive):
     solution = solve(drive, RobocentricSettings(), PredictionSettings())
-    return np.flatnonzero([step.frozen for step in solution.steps])
+    return np.flatnonzero(solution.steps["frozen"])
 
 
 def test_the_same_steps_are_frozen(drive, drawn):
@@ -98,7 +98,7 @@ def test_the_drive_stands_beside_the_means_of_the_others(drive):
     )
     itself, *others = report["runs"]
     solution = solve(drive, RobocentricSettings(), PredictionSettings())
-    covariances = covariances_of(solution.steps)
+    covariances = solution.trajectory.covariances
     expected = compare(drive.ground_truth, solution.trajectory, covariances)
     assert itself["nees"] == expected["nees_per_dof"]
     assert itself["ate_m"] == expected["ate_m"]["rmse"]
