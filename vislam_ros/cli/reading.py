@@ -7,12 +7,14 @@ import sys
 
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.datasets.conventions import Conventions
+from vislam_ros.data.datasets.formats import import_format
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.loading import load_drive
 
 
 def read_input(arguments: argparse.Namespace) -> Drive:
     """Read the dataset or bag ``DATA_OR_BAG`` and tell what was repaired."""
+    use_format(arguments)
     with progress_bar("reading", 1.0) as update:
         drive = load_drive(
             arguments.data,
@@ -21,6 +23,12 @@ def read_input(arguments: argparse.Namespace) -> Drive:
         )
     print_notes(drive)
     return drive
+
+
+def use_format(arguments: argparse.Namespace) -> None:
+    """Make known the format that ``--format`` names."""
+    if arguments.format:
+        import_format(arguments.format)
 
 
 def conventions(arguments: argparse.Namespace) -> Conventions:

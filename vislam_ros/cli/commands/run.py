@@ -23,7 +23,7 @@ from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters, shared_file
 from vislam_ros.cli.processes import Child, Children
-from vislam_ros.cli.reading import conventions, print_notes
+from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.screen import print_summary, progress_bar
 from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.bags.layout import FEATURES
@@ -112,6 +112,7 @@ def _bag(arguments: argparse.Namespace, scratch: Path) -> Path:
     if is_bag(arguments.data):
         require_intact(arguments.data)
         return Path(arguments.data).resolve()
+    use_format(arguments)
     bag = scratch / arguments.data.stem
     with progress_bar("converting", 1.0) as update:
         drive = convert(

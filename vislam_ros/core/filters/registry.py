@@ -146,7 +146,7 @@ def register_estimator(
         Value of the setting ``estimator`` that chooses it.
     settings : type
         Frozen dataclass that extends :class:`~vislam_ros.core.settings.SlamSettings` by what is
-        the estimator's own.
+        the estimator's own, each field with a default.
     make : callable
         Makes the :class:`~vislam_ros.core.filters.estimator.Estimator` of settings and
         :class:`Surroundings`; its class, if that takes the two.
@@ -159,10 +159,14 @@ def register_estimator(
     Raises
     ------
     SettingsError
-        Where another estimator has that name, or the settings are no such class.
+        Where an estimator of this package has that name, or the settings are no such class.
     """
-    if not (dataclasses.is_dataclass(settings) and issubclass(settings, SlamSettings)):
+    if not (isinstance(settings, type) and issubclass(settings, SlamSettings)):
         raise SettingsError(f"{name}: its settings {settings!r} are no subclass of SlamSettings")
+    try:
+        settings()
+    except TypeError as error:
+        raise SettingsError(f"{name}: each of its settings needs a default: {error}") from error
     if name in _MODULES and getattr(make, "__module__", None) != _MODULES[name]:
         raise SettingsError(f"{name}: is the name of an estimator of this package: take another")
     _registered[name] = Registration(name, settings, make, vehicle_size, unused)
@@ -232,23 +236,24 @@ def replaced(settings: SlamSettings, **values: Any) -> SlamSettings:
     return slam_settings({**dataclasses.asdict(settings), **values})
 
 
-def unused_settings(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Names, sorted, that are set to other than their default and that the estimator ignores."""
+def unused_settings(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values, by name, that are other than their default and that the estimator ignores."""
     chosen, owners = _chosen(values), setting_owners(values)
     used = chosen.setting_names - set(chosen.unused)
-    return tuple(
-        name
-        for name in sorted(values.keys() & owners.keys() - used)
-        if getattr(_own(owners[name], values), name) != getattr(owners[name].settings(), name)
-    )
+    unused = {}
+    for name in sorted(values.keys() & owners.keys() - used):
+        value = getattr(_own(owners[name], values), name)
+        if value != getattr(owners[name].settings(), name):
+            unused[name] = value
+    return unused
 
 
 def unused_note(values: Mapping[str, Any]) -> str | None:
     """One line about settings that change nothing; None where there are none."""
-    names = unused_settings(values)
-    if not names:
+    unused = unused_settings(values)
+    if not unused:
         return None
-    return f"{', '.join(names)}: set, but not used by estimator {_chosen(values).name}"
+    return f"{', '.join(unused)}: set, but not used by estimator {_chosen(values).name}"
 
 
 def setting_owners(values: Mapping[str, Any]) -> dict[str, Registration]:
