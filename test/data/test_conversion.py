@@ -15,7 +15,7 @@ from vislam_ros.data.bags.reader import read_passes
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.loading import is_dataset, load_drive
+from vislam_ros.data.loading import load_drive
 from vislam_ros.data.trajectory import Trajectory, read_tum, write_tum
 from vislam_ros.errors import VislamError
 
@@ -131,12 +131,6 @@ def test_what_is_neither_dataset_nor_bag_is_refused(tmp_path):
         load_drive(tmp_path / "nothing")
     with pytest.raises(VislamError, match="neither a dataset"):
         load_drive(tmp_path)
-
-
-def test_datasets_are_told_from_other_paths(dataset, tmp_path):
-    assert is_dataset(dataset)
-    assert not is_dataset(tmp_path)
-    assert not is_dataset(tmp_path / "nothing.npz")
 
 
 def test_a_real_drive_and_its_bag_are_the_same(shared_data, tmp_path):

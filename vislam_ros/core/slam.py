@@ -310,7 +310,7 @@ class Slam:
         given = Surroundings(
             camera, self._tape, self._given_map, lambda keys: tracks.identity(keys)[0]
         )
-        return self._registration.make(self._settings, given)
+        return self._registration.made(self._settings, given)
 
     def _motion_expected(self, camera: StereoCamera, increment: Increment) -> bool:
         """Tell whether the predicted motion moves the last frame's pixels noticeably."""

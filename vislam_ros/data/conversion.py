@@ -11,7 +11,7 @@ from vislam_ros.data.bags.integrity import file_sha256
 from vislam_ros.data.bags.layout import DEFAULT_FRAMES, Frames
 from vislam_ros.data.bags.writer import check_bag_output, write_bag
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
-from vislam_ros.data.datasets.dataset import load_dataset
+from vislam_ros.data.datasets.formats import read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.trajectory import Trajectory, read_tum
@@ -35,11 +35,11 @@ def convert(
     Parameters
     ----------
     data : Path
-        A ``.npz`` or ``.npy`` file.
+        A dataset of a known format.
     output : Path
         The bag directory to make.
     conventions : Conventions, optional
-        See :func:`vislam_ros.data.datasets.dataset.load_dataset`.
+        See :func:`vislam_ros.data.datasets.formats.read_dataset`.
     reference : Path, optional
         A TUM file that becomes the ground truth, cut to the dataset's time.
     frames : Frames, optional
@@ -56,7 +56,7 @@ def convert(
     """
     check_bag_output(output, force=force)
     report = progress or (lambda _share: None)
-    drive = load_dataset(
+    drive = read_dataset(
         data,
         conventions=conventions,
         progress=lambda share: report(_LOADING_SHARE * share),

@@ -10,19 +10,14 @@ from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.bags.reader import DEFAULT_RULES, ReadingRules, read_passes
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
-from vislam_ros.data.datasets.dataset import load_dataset
+from vislam_ros.data.datasets.formats import format_of, read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
 from vislam_ros.errors import VislamError
 
 
-def is_dataset(path: Path) -> bool:
-    """Whether a path looks like a dataset: a ``.npz`` or ``.npy`` file."""
-    return path.is_file() and path.suffix in (".npz", ".npy")
-
-
 def load_passes(
-    path: Path,
+    path: Path | str,
     *,
     conventions: Conventions = AS_FOUND,
     rules: ReadingRules = DEFAULT_RULES,
@@ -33,9 +28,9 @@ def load_passes(
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
     conventions : Conventions, optional
-        For datasets, see :func:`~vislam_ros.data.datasets.dataset.load_dataset`. A bag is in this
+        For datasets, see :func:`~vislam_ros.data.datasets.formats.read_dataset`. A bag is in this
         package's convention.
     rules, topics : ReadingRules, mapping of str to str, optional
         For bags, see :func:`vislam_ros.data.bags.reader.read_passes`.
@@ -47,21 +42,22 @@ def load_passes(
     VislamError
         Where the path is neither, is damaged or cannot be read.
     """
-    if is_dataset(path):
-        return (load_dataset(path, conventions=conventions, progress=progress),)
+    path = Path(path)
+    if format_of(path):
+        return (read_dataset(path, conventions=conventions, progress=progress),)
     if is_bag(path):
         require_intact(path)
         return read_passes(path, rules=rules, topics=topics)
     if not path.exists():
         raise VislamError(f"{path}: no such file or directory")
     raise VislamError(
-        f"{path}: is neither a dataset (.npz, .npy) nor a bag (a directory with metadata.yaml, "
-        "or .mcap)"
+        f"{path}: is neither a dataset of a known format (as .npz, .npy) nor a bag (a directory "
+        "with metadata.yaml, or .mcap)"
     )
 
 
 def load_drive(
-    path: Path,
+    path: Path | str,
     *,
     conventions: Conventions = AS_FOUND,
     rules: ReadingRules = DEFAULT_RULES,

@@ -24,7 +24,7 @@ from vislam_ros.cli.ending import PassResults, print_passes, require_complete
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters, shared_file
 from vislam_ros.cli.processes import Child, Children
-from vislam_ros.cli.reading import conventions, print_notes
+from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
 from vislam_ros.data.bags.integrity import require_intact
@@ -115,6 +115,7 @@ def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> P
         require_intact(arguments.data)
         check_readable(arguments.data, rules=rules)
         return Path(arguments.data).resolve()
+    use_format(arguments)
     bag = scratch / arguments.data.stem
     with progress_bar("converting", 1.0) as update:
         drive = convert(

@@ -19,8 +19,7 @@ from vislam_ros.data.drive import Drive
 from vislam_ros.data.results.completeness import shortfall
 from vislam_ros.data.results.summary import peak_rss_mb
 from vislam_ros.data.results.writer import ResultWriter, pass_directory, refuse_used
-from vislam_ros.data.solving import Solution, smoothed_trajectory, solve
-from vislam_ros.data.trajectory import stamp_text
+from vislam_ros.data.solving import Solution, solve
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -50,17 +49,13 @@ def run(arguments: argparse.Namespace) -> int:
 def _finish(writer: ResultWriter, solution: Solution, refused: RefusalCounts) -> None:
     """Write what stands at the end of a pass, with all that was refused up to there."""
     writer.set_landmarks(solution.landmarks)
-    if solution.smoothed is not None:
-        smoothed = solution.smoothed
-        writer.set_smoothed(smoothed_trajectory(smoothed), smoothed.covariances)
+    if solution.smoothed is not None and solution.smoothed.covariances is not None:
+        writer.set_smoothed(solution.smoothed, solution.smoothed.covariances)
     summary = writer.summary
-    summary.refused = dict(sorted(refused.counts.items()))
-    summary.refused_first = {
-        word: stamp_text(stamp) for word, stamp in sorted(refused.first_stamps.items())
-    }
-    summary.resets = solution.resets
+    summary.set_refused(refused)
+    summary.resets = solution.summary["resets"]
     summary.peak_rss_mb = peak_rss_mb()
-    reason = shortfall(len(solution.steps), summary.refused, summary.refused_first)
+    reason = shortfall(len(solution.trajectory), summary.refused, summary.refused_first)
     writer.finish(complete=reason is None, incomplete_reason=reason)
 
 

@@ -52,6 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     arguments.data, arguments.params = described.data, described.params
     parameters = run_parameters(arguments)
     plan = _plan(described, parameters)
+    for note in plan.unused_notes():
+        print(f"warning: slam_node: {note}", file=sys.stderr)
     inputs = _inputs(arguments, described, parameters)
     with SweepLog(arguments.out, identity_of(inputs), force=arguments.force) as log:
         points = _sweep(arguments, plan, inputs, log)

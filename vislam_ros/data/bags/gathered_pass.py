@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.tracking.refusals import Refusal, RefusalCounts, Stream
 from vislam_ros.core.tracking.stamp_pairs import StampPairs
-from vislam_ros.data.datasets.sparse_features import image_size_that_holds
-from vislam_ros.data.drive import Drive
+from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -83,7 +83,10 @@ def write_bag(
 
 
 def _provenance(drive: Drive, source: Path | None, settings: Mapping[str, Any]) -> dict[str, Any]:
-    origin = None if source is None else {"name": source.name, "sha256": file_sha256(source)}
+    origin = None
+    if source is not None:
+        sha256 = file_sha256(source) if source.is_file() else None
+        origin = {"name": source.name, "sha256": sha256}
     return {
         "name": drive.name,
         "source": origin,

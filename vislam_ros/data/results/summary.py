@@ -13,6 +13,8 @@ from typing import Any
 
 from vislam_ros.core.filters.quantities import GYRO_BIAS
 from vislam_ros.core.step import Row, StepTotals, estimates_of, percentile
+from vislam_ros.core.tracking.refusals import RefusalCounts
+from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import VislamError
 
 
@@ -64,6 +66,13 @@ class RunSummary:
         self._totals.add(row)
         self._estimates = estimates_of(row)
         self.landmarks = int(row["landmarks"])
+
+    def set_refused(self, refused: RefusalCounts) -> None:
+        """Tell which messages were refused."""
+        self.refused = dict(sorted(refused.counts.items()))
+        self.refused_first = {
+            word: stamp_text(stamp) for word, stamp in sorted(refused.first_stamps.items())
+        }
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as JSON takes it; None stands for what is not known.

@@ -11,7 +11,7 @@ from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
-from vislam_ros.data.solving import covariances_of, solve
+from vislam_ros.data.solving import solve
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 
@@ -65,7 +65,7 @@ def test_what_slides_keeps_its_pixels_and_all_else_gets_others(
 
 def frozen_steps(drive: Drive) -> NDArray[np.int64]:
     solution = solve(drive, RobocentricSettings(), PredictionSettings())
-    return np.flatnonzero([step.frozen for step in solution.steps])
+    return np.flatnonzero(solution.steps["frozen"])
 
 
 def test_the_same_steps_are_frozen(drive: Drive, drawn: Drive) -> None:
@@ -113,8 +113,7 @@ def test_the_drive_stands_beside_the_means_of_the_others(drive: Drive, truth: Tr
     )
     itself, *others = report["runs"]
     solution = solve(drive, RobocentricSettings(), PredictionSettings())
-    covariances = covariances_of(solution.steps)
-    expected = compare(truth, solution.trajectory, covariances)
+    expected = compare(truth, solution.trajectory, solution.trajectory.covariances)
     assert itself["nees"] == expected["nees_per_dof"]
     assert itself["ate_m"] == expected["ate_m"]["rmse"]
     assert [row["name"] for row in others] == ["other pixels", "other pixels and twists"]

@@ -13,7 +13,7 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import simulate
-from vislam_ros.data.solving import covariances_of, solve
+from vislam_ros.data.solving import solve
 
 CELL = Cell(0.1, 0.01, 0.1, steps=40, landmarks=200)
 
@@ -74,7 +74,7 @@ def test_the_table_has_what_the_filters_made_of_each_drive() -> None:
     )
     for name, alone in (("robocentric", settings), ("joint", joint)):
         solution = solve(drive, alone, PredictionSettings())
-        covariances = covariances_of(solution.steps)
+        covariances = solution.trajectory.covariances
         expected = compare(drive.ground_truth, solution.trajectory, covariances)
         (row,) = (row for row in table["runs"] if row["name"] == name)
         assert row["nees"] == pytest.approx(expected["nees_per_dof"])
