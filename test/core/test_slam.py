@@ -222,6 +222,10 @@ def test_frames_that_still_wait_at_the_end_are_refused_and_named():
     assert slam.refused.counts == {"features_no_prediction": 2}
     assert slam.refused.first_stamps == {"features_no_prediction": 12 * STEP}
     assert not slam.waiting
+    blind = Slam(SlamSettings())
+    play(blind)
+    blind.refuse_waiting()
+    assert blind.refused.counts == {"features_no_camera": len(FEATURES)}
 
 
 LATER = 1000 * STEP

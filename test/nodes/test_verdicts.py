@@ -386,7 +386,7 @@ HOPELESS = {
     ),
     "no twist is a message": (
         changing(TWIST, lambda _, __: JUNK),
-        ["topic /imu/twist has no usable message: its bytes are no message"],
+        ["no usable message on /imu/twist: its bytes are no message"],
     ),
     "the cameras are no pair": (
         edit(RIGHT_CAMERA, 0, put_p(0, 1.0)),
@@ -394,11 +394,11 @@ HOPELESS = {
     ),
     "the extrinsics are no rotation": (
         edit(EXTRINSICS, 0, spoil_rotation),
-        ["/stereo/extrinsics"],
+        ["no usable message on /stereo/extrinsics: its quaternion"],
     ),
     "no cloud has the ids": (
         from_on([FEATURES], 0, lambda cloud: setattr(cloud, "fields", cloud.fields[1:])),
-        ["topic /stereo/features", "no field 'id'"],
+        ["no usable message on /stereo/features: ", "no field 'id'"],
     ),
 }
 

@@ -126,10 +126,15 @@ class Slam:
         """Stamps (ns) of the feature frames that wait for their prediction or for the camera."""
         return tuple(frame.stamp for frame in self._pending)
 
+    @property
+    def waits_for(self) -> Refusal:
+        """Reason to refuse the frames that wait, if nothing more is to come."""
+        return Refusal.NO_CAMERA if self._camera is None else Refusal.NO_PREDICTION
+
     def refuse_waiting(self) -> None:
-        """Give up the frames that wait: no prediction is to come."""
+        """Give up the frames that wait: nothing more is to come."""
         for frame in self._pending:
-            self.refused.add(Stream.FEATURES, Refusal.NO_PREDICTION, frame.stamp)
+            self.refused.add(Stream.FEATURES, self.waits_for, frame.stamp)
         self._pending.clear()
 
     def reset(self) -> None:

@@ -81,6 +81,7 @@ class SlamReport:
         }
         if self._core.waiting:
             values["first waiting [s]"] = stamp_text(self._core.waiting[0])
+            values["waiting would be"] = self._core.waits_for.word
         if self._last is not None:
             values["stamp age [s]"] = stamp_age(self._node, self._last.stamp)
             values["active landmarks"] = self._last.active

@@ -91,12 +91,12 @@ class TestNeededTopic:
 
     def test_empty(self, bag, topic, take):
         foreign = rewritten(bag, changing(topic, lambda _i, _m: None))
-        with pytest.raises(VislamError, match=f"{topic.name} has no usable message: it is empty"):
+        with pytest.raises(VislamError, match=f"message on {topic.recorded}: it is empty"):
             take(foreign)
 
     def test_without_a_usable_message(self, bag, topic, take):
         foreign = rewritten(bag, changing(topic, lambda _i, _m: JUNK))
-        with pytest.raises(VislamError, match=f"{topic.name} has no usable message: .*no message"):
+        with pytest.raises(VislamError, match=f"message on {topic.recorded}: .*no message"):
             take(foreign)
 
 
@@ -179,9 +179,9 @@ def test_frames_that_are_named_otherwise_are_told_with_the_parameter_to_set(bag,
         with pytest.raises(VislamError) as error:
             take(foreign)
         for words in (
-            "topic /imu/twist has no usable message: header.frame_id is 'car', not 'base_link'",
+            "no usable message on /stereo/extrinsics and /imu/twist: header.frame_id is 'car'",
             "set the parameter base_frame to it",
-            "topic /stereo/features has no usable message: header.frame_id is 'cam', not ",
+            "no usable message on /stereo/features: header.frame_id is 'cam', not 'camera_left_",
             "set the parameter camera_frame to it",
         ):
             assert words in str(error.value)

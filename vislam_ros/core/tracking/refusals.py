@@ -53,6 +53,7 @@ class Refusal(enum.Enum):
     DUPLICATE = ("duplicate", "there was one with the same stamp")
     UNPAIRED = ("unpaired", "the other stream has none with the same stamp")
     NO_PREDICTION = ("no_prediction", "no predicted motion reaches its stamp")
+    NO_CAMERA = ("no_camera", "the camera's calibration did not come", False)
     QUEUE_FULL = ("queue_full", "too many wait for their prediction", False)
     NOT_PUBLISHED = ("not_published", "a subscriber did not take it", False)
     INTERNAL_ERROR = ("internal_error", "a node failed to use it: see its log", False)

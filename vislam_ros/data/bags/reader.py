@@ -196,12 +196,15 @@ class _Reading:
 
     def require_usable(self) -> None:
         """Raise a VislamError where a needed topic has had no usable message."""
-        reasons = [
-            f"topic {self._names[topic]} has no usable message: "
-            + (", ".join(sorted(self._faults[topic])) or "it is empty")
-            for topic in self.unusable()
-        ]
-        if reasons:
+        topics_of: dict[str, list[str]] = defaultdict(list)
+        for topic in self.unusable():
+            reason = ", ".join(sorted(self._faults[topic])) or "it is empty"
+            topics_of[reason].append(self._names[topic])
+        if topics_of:
+            reasons = [
+                f"no usable message on {' and '.join(names)}: {reason}"
+                for reason, names in topics_of.items()
+            ]
             raise VislamError(f"{self._bag.path}: {'; '.join(reasons)}")
 
     def drives(self, name: str, notes: Sequence[str]) -> tuple[Drive, ...]:
