@@ -519,4 +519,6 @@ register_estimator(
     RobocentricSettings,
     lambda settings, given: RobocentricFilter(settings, given.camera, given.tape),
     vehicle_size=RobocentricFilter.SMALL_SIZE,
+    # Its noise of the motion is the walk of the twist in its state.
+    unused=("process_noise", "process_variance"),
 )
