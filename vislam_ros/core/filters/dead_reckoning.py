@@ -157,4 +157,5 @@ register_estimator(
     "dead_reckoning",
     DeadReckoningSettings,
     lambda settings, given: DeadReckoningEstimator(settings),
+    unused=("retire_after", "rest_after_rejection"),
 )
