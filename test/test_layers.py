@@ -82,8 +82,11 @@ def room_of(path: Path) -> str:
 
 
 def rooms(folder: str, prefix: str) -> dict[str, set[str]]:
-    """Each room below a folder, with the rooms that it imports; ``prefix`` is not in imports."""
-    paths = sorted((REPOSITORY / folder).rglob("*.py"))
+    """Each room below a folder, with the rooms that it imports; ``prefix`` is not in imports.
+
+    The face of the whole package is no room: it names what users import, and imports it for them.
+    """
+    paths = sorted(set((REPOSITORY / folder).rglob("*.py")) - {PACKAGE / "__init__.py"})
     home = {
         ".".join(path.relative_to(REPOSITORY).with_suffix("").parts)
         .removesuffix(".__init__")

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from vislam_ros import __version__
-from vislam_ros.cli import parser
+from vislam_ros.cli.grammar import shared
 from vislam_ros.cli.main import main
 from vislam_ros.cli.parser import build_parser
 from vislam_ros.data.datasets import conventions
@@ -82,9 +82,9 @@ def test_simulate_leaves_the_defaults_to_the_simulation_and_tells_them(capsys):
 
 
 def test_choices_of_reading_are_those_of_the_reader():
-    assert parser._IMU_FRAMES == conventions.IMU_FRAMES
-    assert parser._TWIST_INDICES == conventions.TWIST_INDICES
-    assert parser._TWIST_ORIGINS == conventions.TWIST_ORIGINS
+    assert shared.IMU_FRAMES == conventions.IMU_FRAMES
+    assert shared.TWIST_INDICES == conventions.TWIST_INDICES
+    assert shared.TWIST_ORIGINS == conventions.TWIST_ORIGINS
 
 
 def test_loop_and_clock_need_no_number():

@@ -6,6 +6,7 @@ import argparse
 import importlib
 import re
 import shlex
+from pathlib import Path
 
 import pytest
 from places import REPOSITORY
@@ -21,17 +22,17 @@ TOOLS = {"tools/bench.py": "bench"}
 named_pages = pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
 
 
-def without_code(page):
+def without_code(page: Path) -> str:
     return re.sub(r"``.*?``|`[^`\n]*`", "`code`", FENCE.sub("", page.read_text()))
 
 
-def anchors(page):
+def anchors(page: Path) -> set[str]:
     """Anchors of a page's headings, as GitHub makes them."""
     headings = re.findall(r"^#+ (.+)$", FENCE.sub("", page.read_text()), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading).lower().replace(" ", "-") for heading in headings}
 
 
-def shell_lines(page):
+def shell_lines(page: Path) -> list[list[str]]:
     """Commands of a page's shell blocks, without their comments."""
     blocks = [block for language, block in FENCE.findall(page.read_text()) if language == "sh"]
     return [
@@ -42,13 +43,13 @@ def shell_lines(page):
     ]
 
 
-def inline_commands(page):
+def inline_commands(page: Path) -> list[list[str]]:
     """Commands between backticks in a page's text; one that an ellipsis cuts off is none."""
     codes = re.findall(r"`([^`]+)`", FENCE.sub("", page.read_text()))
     return [shlex.split(code) for code in codes if "…" not in code and code.count("'") != 1]
 
 
-def parses(parser, arguments):
+def parses(parser: argparse.ArgumentParser, arguments: list[str]) -> bool:
     """Whether a parser takes arguments; --help is taken, too."""
     try:
         parser.parse_args(arguments)
@@ -57,13 +58,13 @@ def parses(parser, arguments):
     return True
 
 
-def program(words):
+def program(words: list[str]) -> str:
     """Last part of the path of what a command starts."""
     return words[0].rpartition("/")[2] if words else ""
 
 
 @named_pages
-def test_every_link_inside_the_project_leads_somewhere(page):
+def test_every_link_inside_the_project_leads_somewhere(page: Path) -> None:
     links = [link for link in LINK.findall(without_code(page)) if "://" not in link]
     for link in links:
         path, _, anchor = link.partition("#")
@@ -75,7 +76,7 @@ def test_every_link_inside_the_project_leads_somewhere(page):
 
 
 @named_pages
-def test_every_vislam_command_is_one_that_the_parser_takes(page):
+def test_every_vislam_command_is_one_that_the_parser_takes(page: Path) -> None:
     parser = build_parser()
     (commands,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     for words in shell_lines(page):
@@ -88,7 +89,7 @@ def test_every_vislam_command_is_one_that_the_parser_takes(page):
 
 
 @named_pages
-def test_every_call_of_a_tool_is_one_that_it_takes(page):
+def test_every_call_of_a_tool_is_one_that_it_takes(page: Path) -> None:
     for words in [*shell_lines(page), *inline_commands(page)]:
         for k, word in enumerate(words):
             if re.fullmatch(r"tools/\w+\.py", word):
@@ -99,12 +100,12 @@ def test_every_call_of_a_tool_is_one_that_it_takes(page):
 
 
 @named_pages
-def test_every_make_target_is_one_of_the_makefile(page):
+def test_every_make_target_is_one_of_the_makefile(page: Path) -> None:
     targets = re.findall(r"^(\w+):.*## ", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
     for words in [*shell_lines(page), *inline_commands(page)]:
         if len(words) > 1 and words[0] == "make":
             assert words[1] in targets, " ".join(words)
 
 
-def test_the_readme_is_short():
+def test_the_readme_is_short() -> None:
     assert len((REPOSITORY / "README.md").read_bytes()) < 12_000

@@ -4,6 +4,7 @@
 
 import datetime
 import re
+from typing import Any
 
 import pytest
 import yaml
@@ -16,12 +17,12 @@ CITATION = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
 
 
 @pytest.fixture
-def sections():
+def sections() -> list[tuple[str, Any, Any]]:
     """Version, date and content of each section of the changelog, the newest first."""
     return list(get_changelog_from_path(str(REPOSITORY)).foreach_version())
 
 
-def test_the_citation_has_what_its_format_asks_for():
+def test_the_citation_has_what_its_format_asks_for() -> None:
     assert CITATION["cff-version"] == "1.2.0"
     assert CITATION["message"]
     assert CITATION["title"].startswith("vislam_ros")
@@ -32,7 +33,9 @@ def test_the_citation_has_what_its_format_asks_for():
 
 # catkin_pkg is older than its docutils.
 @pytest.mark.filterwarnings("ignore:nodes.Node.traverse")
-def test_the_latest_release_of_the_changelog_is_the_packages_and_the_citations(sections):
+def test_the_latest_release_of_the_changelog_is_the_packages_and_the_citations(
+    sections: list[tuple[str, Any, Any]],
+) -> None:
     releases = [(version, date) for version, date, _ in sections if version != "Forthcoming"]
     version, date = releases[0]
     assert version == vislam_ros.__version__ == CITATION["version"]
@@ -40,6 +43,6 @@ def test_the_latest_release_of_the_changelog_is_the_packages_and_the_citations(s
 
 
 @pytest.mark.filterwarnings("ignore:nodes.Node.traverse")
-def test_every_release_tells_its_users_what_is_new(sections):
+def test_every_release_tells_its_users_what_is_new(sections: list[tuple[str, Any, Any]]) -> None:
     for version, _, content in sections:
         assert content, version

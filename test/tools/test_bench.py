@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 from places import REPOSITORY
 
@@ -15,7 +17,7 @@ from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 TOOL = REPOSITORY / "tools" / "bench.py"
 
 
-def bench(*arguments):
+def bench(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, TOOL, *map(str, arguments)],
         capture_output=True,
@@ -26,7 +28,7 @@ def bench(*arguments):
     )
 
 
-def test_the_step_is_measured_above_its_floor_and_written_as_json(tmp_path):
+def test_the_step_is_measured_above_its_floor_and_written_as_json(tmp_path: Path) -> None:
     out = tmp_path / "bench.json"
     result = bench("--only", "floor", "--quick", "--estimator", "joint", "--out", out)
     assert result.returncode == 0, result.stderr
@@ -44,7 +46,7 @@ def test_the_step_is_measured_above_its_floor_and_written_as_json(tmp_path):
     assert "--force" in again.stderr
 
 
-def of_a_drive(section, folder, **simulation):
+def of_a_drive(section: str, folder: Path, **simulation: Any) -> tuple[str, dict[str, Any]]:
     """What a section prints and writes about a simulated drive, its reference beside it."""
     data, out = folder / "drive.npz", folder / "bench.json"
     write_simulated(data, simulate(SimulationSettings(**simulation)))
@@ -53,14 +55,14 @@ def of_a_drive(section, folder, **simulation):
     return result.stdout, json.loads(out.read_text())
 
 
-def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path):
+def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path: Path) -> None:
     _, report = of_a_drive("drives", tmp_path, steps=40, landmarks=200)
     rows = report["drives"]
     assert rows[0]["steps"] == rows[1]["steps"] == 40
     assert all(row["ate_m"] > 0 for row in rows)
 
 
-def test_a_drive_is_measured_beside_itself_with_other_noise(tmp_path):
+def test_a_drive_is_measured_beside_itself_with_other_noise(tmp_path: Path) -> None:
     printed, report = of_a_drive("redrawn", tmp_path, steps=60, landmarks=300)
     assert "other pixels and twists" in printed
     itself, *others = report["redrawn"]["runs"]
@@ -68,7 +70,7 @@ def test_a_drive_is_measured_beside_itself_with_other_noise(tmp_path):
     assert all(row["nees_least"] <= row["nees"] <= row["nees_greatest"] for row in others)
 
 
-def test_consistency_is_measured_on_drives_of_each_kind(tmp_path):
+def test_consistency_is_measured_on_drives_of_each_kind(tmp_path: Path) -> None:
     out = tmp_path / "bench.json"
     result = bench("--only", "consistency", "--quick", "--seeds", 1, "--out", out)
     assert result.returncode == 0, result.stderr
@@ -81,13 +83,13 @@ def test_consistency_is_measured_on_drives_of_each_kind(tmp_path):
     assert all(row["nees"] > 0 and row["to_batch"] > 0 for row in consistency["runs"])
 
 
-def test_an_unknown_section_is_wrong_usage():
+def test_an_unknown_section_is_wrong_usage() -> None:
     result = bench("--only", "floor,roof")
     assert result.returncode == 2
     assert "floor, dense, growth, drives, peers, consistency, tracks, redrawn" in result.stderr
 
 
-def test_a_section_that_cannot_be_measured_is_left_out_with_the_reason(tmp_path):
+def test_a_section_that_cannot_be_measured_is_left_out_with_the_reason(tmp_path: Path) -> None:
     data = tmp_path / "drive.npz"
     write_simulated(data, simulate(SimulationSettings(steps=30, landmarks=100))).unlink()
     out = tmp_path / "bench.json"
@@ -100,6 +102,6 @@ def test_a_section_that_cannot_be_measured_is_left_out_with_the_reason(tmp_path)
     ]
 
 
-def test_the_help_names_every_section_and_what_it_measures():
+def test_the_help_names_every_section_and_what_it_measures() -> None:
     result = bench("--help")
     assert "dense        The dense filter over 500, 1000 and 2000 landmarks" in result.stdout

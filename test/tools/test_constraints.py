@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""tools/constraints.py writes once what all Pythons share, and for the rest which Pythons."""
+"""tools/constraints.py writes once what all Pythons share, and else for which a version is."""
 
 import json
 import sys

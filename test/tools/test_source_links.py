@@ -4,6 +4,7 @@
 
 import importlib
 import operator
+from pathlib import Path
 
 import pytest
 from places import REPOSITORY
@@ -13,7 +14,7 @@ MODULE = '''\
 """A module."""
 
 
-def first():
+def first() -> None:
     pass
 
 
@@ -25,20 +26,20 @@ class Second:
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path: Path) -> Path:
     (tmp_path / "module.py").write_text(MODULE)
     return tmp_path
 
 
-def faults(text, folder):
+def faults(text: str, folder: Path) -> list[str | None]:
     return [link.fault() for link in source_links(text, folder)]
 
 
-def test_definitions_are_functions_classes_and_methods_with_their_lines(folder):
+def test_definitions_are_functions_classes_and_methods_with_their_lines(folder: Path) -> None:
     assert definitions(folder / "module.py") == {"first": 4, "Second": 8, "Second.third": 10}
 
 
-def test_a_right_link_has_no_fault(folder):
+def test_a_right_link_has_no_fault(folder: Path) -> None:
     assert faults("see [`module.Second.third`](module.py#L10).", folder) == [None]
 
 
@@ -51,22 +52,24 @@ def test_a_right_link_has_no_fault(folder):
         ("[`module.first`](gone/module.py#L4)", "there is no file"),
     ],
 )
-def test_a_wrong_link_is_told(folder, link, fault):
+def test_a_wrong_link_is_told(folder: Path, link: str, fault: str) -> None:
     (found,) = faults(link, folder)
-    assert fault in found
+    assert fault in str(found)
 
 
-def test_lines_are_put_right_and_what_is_unknown_is_left_as_it_is(folder):
+def test_lines_are_put_right_and_what_is_unknown_is_left_as_it_is(folder: Path) -> None:
     text = "[`module.first`](module.py#L1) and [`module.fourth`](module.py#L1)"
     right = with_right_lines(text, folder)
     assert right == "[`module.first`](module.py#L4) and [`module.fourth`](module.py#L1)"
 
 
-def test_every_link_of_the_documentation_points_to_its_definition(capsys):
+def test_every_link_of_the_documentation_points_to_its_definition(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main([]) == 0, capsys.readouterr().out
 
 
-def test_every_name_that_the_documentation_links_to_can_be_imported():
+def test_every_name_that_the_documentation_links_to_can_be_imported() -> None:
     links = [link for page in pages() for link in source_links(page.read_text(), page.parent)]
     assert links
     for link in links:

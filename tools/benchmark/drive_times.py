@@ -18,7 +18,7 @@ import vislam_ros
 from benchmark.interleaving import cpu_clock
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.evaluation.evaluate import compare, evaluate
+from vislam_ros.data.evaluation.evaluate import compare, evaluate_results
 from vislam_ros.data.results.summary import read_summary
 from vislam_ros.data.solving import solve
 from vislam_ros.data.trajectory import Trajectory
@@ -37,10 +37,10 @@ def solve_here(
     begin, cpu_begin = time.perf_counter(), cpu_clock()
     solution = solve(drive, slam_settings, prediction_settings)
     wall, cpu = time.perf_counter() - begin, cpu_clock() - cpu_begin
-    milliseconds = np.array([step.ms for step in solution.steps])
+    milliseconds = solution.steps["ms"]
     return {
         "name": "in this process",
-        "steps": len(solution.steps),
+        "steps": len(milliseconds),
         "landmarks": len(solution.landmarks),
         "wall_s": wall,
         "cpu_s": cpu,
@@ -83,7 +83,7 @@ def solve_as_command(
                     f"vislam solve {data} ended with {process.returncode}: {said[-1:]}"
                 )
         summary = read_summary(out / "summary.json")
-        errors_m = evaluate(out, reference) if reference else {}
+        errors_m = evaluate_results(out, reference) if reference else {}
     return {
         "name": "vislam solve" + (" --smooth" if "--smooth" in arguments else ""),
         "steps": summary["steps"],

@@ -62,7 +62,7 @@ class SwayingScene:
         self._T_odom_body = np.eye(4)
         self._next_id = 0
         self._ids = np.empty(0, dtype=np.uint32)
-        self._points = np.empty((0, 3))
+        self._points: Array = np.empty((0, 3))
         self._replace(active)
 
     def frame(self, turnover: int) -> SceneFrame:

@@ -151,6 +151,11 @@ def settings_from_dict(cls: type[S], values: Mapping[str, Any]) -> S:
     return cls(**checked)
 
 
+def changed(settings: S, **values: Any) -> S:
+    """Put values by name over settings, checked as :func:`settings_from_dict` does."""
+    return settings_from_dict(type(settings), {**dataclasses.asdict(settings), **values})
+
+
 def nearest_name(name: str, declared: Iterable[str]) -> str:
     """Hint at the declared name that is most like a wrong one, if there is any."""
     nearest = difflib.get_close_matches(name, list(declared), n=1)
@@ -180,12 +185,11 @@ def _checked(field: "dataclasses.Field[Any]", value: Any) -> Any:
     else:
         if not isinstance(value, str):
             raise SettingsError(f"{field.name}: {value!r} is not a {wanted}")
-        if metadata["choices"] and value not in metadata["choices"]:
-            raise SettingsError(
-                f"{field.name}: {value!r} is none of {', '.join(metadata['choices'])}"
-            )
+        choices = metadata.get("choices")
+        if choices and value not in choices:
+            raise SettingsError(f"{field.name}: {value!r} is none of {', '.join(choices)}")
         return value
-    low, high = metadata["minimum"], metadata["maximum"]
+    low, high = metadata.get("minimum"), metadata.get("maximum")
     for number in numbers:
         if (low is not None and number < low) or (high is not None and number > high):
             allowed = f"at least {low}" if high is None else f"between {low} and {high}"

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from vislam_ros.data.bags.integrity import file_sha256
+from vislam_ros.data.bags.layout import DEFAULT_FRAMES, Frames
 from vislam_ros.data.bags.writer import check_bag_output, write_bag
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
-from vislam_ros.data.datasets.dataset import load_dataset
+from vislam_ros.data.datasets.formats import read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.trajectory import Trajectory, read_tum
@@ -25,6 +26,7 @@ def convert(
     *,
     conventions: Conventions = AS_FOUND,
     reference: Path | None = None,
+    frames: Frames = DEFAULT_FRAMES,
     force: bool = False,
     progress: Progress | None = None,
 ) -> Drive:
@@ -33,13 +35,15 @@ def convert(
     Parameters
     ----------
     data : Path
-        A ``.npz`` or ``.npy`` file.
+        A dataset of a known format.
     output : Path
         The bag directory to make.
     conventions : Conventions, optional
-        See :func:`vislam_ros.data.datasets.dataset.load_dataset`.
+        See :func:`vislam_ros.data.datasets.formats.read_dataset`.
     reference : Path, optional
         A TUM file that becomes the ground truth, cut to the dataset's time.
+    frames : Frames, optional
+        Of the messages.
     force : bool
         Replace a bag that exists.
     progress : callable, optional
@@ -52,7 +56,7 @@ def convert(
     """
     check_bag_output(output, force=force)
     report = progress or (lambda _share: None)
-    drive = load_dataset(
+    drive = read_dataset(
         data,
         conventions=conventions,
         progress=lambda share: report(_LOADING_SHARE * share),
@@ -67,6 +71,7 @@ def convert(
         source=data,
         settings=settings,
         force=force,
+        frames=frames,
         progress=lambda share: report(_LOADING_SHARE + (1.0 - _LOADING_SHARE) * share),
     )
     return drive

@@ -2,13 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive in memory: all that the graph hears, from whatever file it came."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
-from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.core.tracking.refusals import RefusalCounts
+from vislam_ros.data.trajectory import Trajectory, nanoseconds
+from vislam_ros.errors import VislamError
+
+_LATEST_SECOND = 9.2e9  # of 64-bit nanoseconds
+# A sensor's samples are as far apart as this, and those of whoever took the unit wrong are not: at
+# 10 Hz milliseconds are a hundred seconds apart, or a hundred nanoseconds [ns].
+_SHORTEST_STEP, _LONGEST_STEP = 500_000, 5_000_000_000
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,8 @@ class Drive:
         Poses of the body in its first pose's frame, where they are known.
     notes : tuple of str
         What a reader repaired or left out, a sentence each.
+    refused : RefusalCounts
+        Messages that a reader refused, as the nodes would.
     """
 
     name: str
@@ -55,6 +65,75 @@ class Drive:
     pixels: NDArray[np.float32]
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
+    refused: RefusalCounts = field(default_factory=RefusalCounts)
+
+    @classmethod
+    def from_tracks(
+        cls,
+        stamps: ArrayLike,
+        ids: Sequence[ArrayLike],
+        pixels: Sequence[ArrayLike],
+        twists: ArrayLike,
+        camera: StereoCamera,
+        *,
+        twist_stamps: ArrayLike | None = None,
+        ground_truth: Trajectory | None = None,
+        name: str = "tracks",
+    ) -> "Drive":
+        """Build a drive from what a tracker and a motion sensor give, frame by frame.
+
+        Parameters
+        ----------
+        stamps : array_like, (T,)
+            Of the frames: seconds where they are floats, nanoseconds where they are integers.
+        ids : sequence of T array_like of int, (n_k,) each
+            The tracks that frame ``k`` sees, from 0 to 4294967295, each once, in any order.
+        pixels : sequence of T array_like, (n_k, 4) each
+            Their ``u_left, v_left, u_right, v_right`` in the rectified images.
+        twists : array_like, (T, 6), or (N, 6) with ``twist_stamps``
+            ``[v; omega]`` of the body, metres and radians a second. The twist of a stamp holds
+            over the time that ends there: row ``k`` for the step from frame ``k - 1`` to ``k``.
+        camera : StereoCamera
+        twist_stamps : array_like, (N,), optional
+            As ``stamps``, where twists have stamps of their own.
+        ground_truth : Trajectory, optional
+        name : str, optional
+
+        Raises
+        ------
+        VislamError
+            Naming the argument, the frame and what is wrong with it.
+        """
+        feature_stamps = _stamps("stamps", stamps)
+        motion_stamps = feature_stamps
+        if twist_stamps is not None:
+            motion_stamps = _stamps("twist_stamps", twist_stamps)
+        motion = np.asarray(twists, dtype=float)
+        if motion.shape != (len(motion_stamps), 6):
+            raise VislamError(
+                f"twists: have shape {motion.shape}, not ({len(motion_stamps)}, 6), one for each "
+                "of their stamps"
+            )
+        if not np.all(np.isfinite(motion)):
+            k = int(np.argmin(np.isfinite(motion).all(axis=1)))
+            raise VislamError(f"twists[{k}]: {motion[k].tolist()} is not finite")
+        for what, frames in (("ids", ids), ("pixels", pixels)):
+            if len(frames) != len(feature_stamps):
+                raise VislamError(f"{what}: {len(frames)} frames for {len(feature_stamps)} stamps")
+        seen = [_frame(k, *frame) for k, frame in enumerate(zip(ids, pixels, strict=True))]
+        all_pixels = np.concatenate([frame_pixels for _, frame_pixels in seen])
+        return cls(
+            name=name,
+            camera=camera,
+            image_size=image_size_that_holds(all_pixels),
+            twist_stamps=motion_stamps,
+            twists=motion,
+            feature_stamps=feature_stamps,
+            offsets=np.cumsum([0, *(len(frame_ids) for frame_ids, _ in seen)]),
+            ids=np.concatenate([frame_ids for frame_ids, _ in seen]),
+            pixels=all_pixels,
+            ground_truth=ground_truth,
+        )
 
     @property
     def steps(self) -> int:
@@ -77,3 +156,59 @@ class Drive:
         """Ids (n,) and pixels (n, 4) of frame ``k``."""
         rows = slice(self.offsets[k], self.offsets[k + 1])
         return self.ids[rows], self.pixels[rows]
+
+
+def image_size_that_holds(pixels: NDArray[np.float32]) -> tuple[int, int]:
+    """Width and height of the smallest image, at least 1 x 1, with room for pixels (n, 4)."""
+    if not len(pixels):
+        return 1, 1
+    u, v = pixels[:, 0::2].max(), pixels[:, 1::2].max()
+    return max(int(np.floor(u)) + 1, 1), max(int(np.floor(v)) + 1, 1)
+
+
+def _stamps(what: str, stamps: ArrayLike) -> NDArray[np.int64]:
+    """Nanoseconds (n,) of stamps in seconds, which are floats, or in nanoseconds, integers."""
+    given = np.asarray(stamps)
+    if given.ndim != 1 or not len(given) or given.dtype.kind not in "iuf":
+        raise VislamError(f"{what}: have shape {given.shape} of {given.dtype}, not (n,) numbers")
+    are_seconds = given.dtype.kind == "f"
+    if are_seconds and not (np.isfinite(given).all() and given.max() < _LATEST_SECOND):
+        raise VislamError(f"{what}: {given.max()} is no time in seconds, which floats are")
+    result = nanoseconds(given.astype(float)) if are_seconds else given.astype(np.int64)
+    steps = np.diff(result)
+    if result[0] < 0 or np.any(steps <= 0):
+        k = int(np.argmin(np.concatenate([[result[0] + 1], steps]) > 0))
+        raise VislamError(f"{what}[{k}]: {given[k]} is negative or not later than the one before")
+    if len(steps) and not _SHORTEST_STEP <= np.median(steps) <= _LONGEST_STEP:
+        unit, other = ("seconds", "integers") if are_seconds else ("nanoseconds", "floats")
+        raise VislamError(
+            f"{what}: are {np.median(np.diff(given)):g} {unit} apart, which no sensor is: floats "
+            f"are seconds and integers nanoseconds; are these meant to be {other}?"
+        )
+    return result
+
+
+def _frame(
+    k: int, ids: ArrayLike, pixels: ArrayLike
+) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
+    """Ids (n,), in order, and pixels (n, 4) of frame ``k``."""
+    given = np.asarray(ids)
+    seen = np.asarray(pixels, dtype=np.float32)
+    if given.size == seen.size == 0:
+        return np.empty(0, dtype=np.uint32), np.empty((0, 4), dtype=np.float32)
+    if given.ndim != 1 or given.dtype.kind not in "iu" or seen.shape != (len(given), 4):
+        raise VislamError(
+            f"frame {k}: has ids of shape {given.shape} and {given.dtype}, and pixels of shape "
+            f"{seen.shape}: give (n,) integers and (n, 4) numbers"
+        )
+    if given.min() < 0 or given.max() > np.iinfo(np.uint32).max:
+        raise VislamError(f"frame {k}: ids go from {given.min()} to {given.max()}, not 32 bits")
+    order = np.argsort(given, kind="stable")
+    result = given[order].astype(np.uint32)
+    (twice,) = np.nonzero(result[1:] == result[:-1])
+    if len(twice):
+        raise VislamError(f"frame {k}: has track {result[twice[0]]} twice")
+    if not np.all(np.isfinite(seen)):
+        track = given[np.argmin(np.isfinite(seen).all(axis=1))]
+        raise VislamError(f"frame {k}: a pixel of track {track} is not finite")
+    return result, seen[order]

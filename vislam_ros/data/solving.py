@@ -2,20 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive estimated offline, just as the graph would: same core, same numbers handed over."""
 
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import threadpoolctl
 from numpy.typing import NDArray
 
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning, Prediction
+from vislam_ros.core.filters.registry import completed, replaced, unused_note
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive
-from vislam_ros.core.step import SlamStep
+from vislam_ros.core.step import KINDS, Row, SlamStep
+from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.results.completeness import shortfall
+from vislam_ros.data.results.summary import RunSummary, peak_rss_mb
 from vislam_ros.data.trajectory import Trajectory
 
 
@@ -25,30 +31,30 @@ class Solution:
 
     Attributes
     ----------
-    steps : tuple of SlamStep
-        One for each feature frame that was not refused.
+    trajectory : Trajectory
+        Poses of the steps, with their covariances.
     dead_reckoning : Trajectory
+        Poses of the prediction alone, likewise.
     landmarks : LandmarkMap
         The map after the last step; the exact one where the drive was smoothed.
-    refused : dict of str to int
-        Refused messages by reason; those of twists begin with ``twist_``.
-    resets : int
-        How often the SLAM estimate began anew.
-    smoothed : SmoothedDrive or None
-        Of the steps since then, where it was asked for.
+    steps : mapping of str to ndarray
+        The columns of ``steps.csv``, each with a number (T,) for each feature frame that was not
+        refused; a table for ``pandas.DataFrame``.
+    summary : dict
+        As in ``summary.json``.
+    refused : RefusalCounts
+        Messages that the drive's reader and the estimators refused.
+    smoothed : Trajectory or None
+        Of the steps since the estimate last began anew, where it was asked for, with covariances.
     """
 
-    steps: tuple[SlamStep, ...]
+    trajectory: Trajectory
     dead_reckoning: Trajectory
     landmarks: LandmarkMap
-    refused: dict[str, int]
-    resets: int
-    smoothed: SmoothedDrive | None = None
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """Poses of the steps."""
-        return trajectory_of(self.steps)
+    steps: Mapping[str, NDArray[Any]]
+    summary: dict[str, Any]
+    refused: RefusalCounts
+    smoothed: Trajectory | None = None
 
 
 def trajectory_of(poses: Sequence[SlamStep] | Sequence[Prediction]) -> Trajectory:
@@ -57,17 +63,15 @@ def trajectory_of(poses: Sequence[SlamStep] | Sequence[Prediction]) -> Trajector
         np.array([pose.stamp for pose in poses], dtype=np.int64),
         np.array([pose.position for pose in poses]).reshape(-1, 3),
         np.array([pose.quaternion for pose in poses]).reshape(-1, 4),
+        np.array([pose.covariance for pose in poses]).reshape(-1, 6, 6),
     )
-
-
-def covariances_of(steps: Sequence[SlamStep]) -> NDArray[np.float64]:
-    """Covariances (n, 6, 6) of the steps' poses, in the body frame."""
-    return np.array([step.covariance for step in steps])
 
 
 def smoothed_trajectory(smoothed: SmoothedDrive) -> Trajectory:
     """Poses of a smoothed drive."""
-    return Trajectory(smoothed.stamps, smoothed.positions, smoothed.quaternions)
+    return Trajectory(
+        smoothed.stamps, smoothed.positions, smoothed.quaternions, smoothed.covariances
+    )
 
 
 def feed(
@@ -101,13 +105,14 @@ def feed(
 
 def solve(
     drive: Drive,
-    slam_settings: SlamSettings,
-    prediction_settings: PredictionSettings,
+    slam_settings: SlamSettings | None = None,
+    prediction_settings: PredictionSettings | None = None,
     *,
     given_map: LandmarkMap | None = None,
     smooth: bool = False,
     on_prediction: Callable[[Prediction], None] | None = None,
     on_step: Callable[[SlamStep], None] | None = None,
+    **values: Any,
 ) -> Solution:
     """Feed a drive to the estimators in the order of its stamps, a twist before features.
 
@@ -118,23 +123,33 @@ def solve(
     Parameters
     ----------
     drive : Drive
-    slam_settings, prediction_settings : SlamSettings, PredictionSettings
+    slam_settings, prediction_settings : SlamSettings, PredictionSettings, optional
     given_map : LandmarkMap, optional
-        The map of the estimator ``localization``.
+        The map of an estimator that needs one, such as ``localization``.
     smooth : bool, optional
         Whether to go back over the drive at its end, for smoothed poses and the exact map.
     on_prediction, on_step : callable, optional
         Hear each result as it comes.
+    **values
+        Settings by name that are put over ``slam_settings``, such as ``estimator="joint"``.
 
     Raises
     ------
     SettingsError
-        Where the estimator needs a map and none is given, or cannot be smoothed and should be.
+        Where there is no such setting or estimator, the estimator needs a map and none is given,
+        or it cannot be smoothed and should be.
     """
-    reckoning = DeadReckoning(prediction_settings)
-    slam = Slam(slam_settings, given_map, record=smooth)
+    settings = completed(slam_settings or SlamSettings())
+    if values:
+        if note := unused_note({"estimator": settings.estimator, **values}):
+            warnings.warn(note, stacklevel=2)
+        settings = replaced(settings, **values)
+    reckoning = DeadReckoning(prediction_settings or PredictionSettings())
+    slam = Slam(settings, given_map, record=smooth)
+    summary = RunSummary(drive=drive.name, estimator=settings.estimator)
     predictions: list[Prediction] = []
     steps: list[SlamStep] = []
+    rows: list[Row] = []
 
     with threadpoolctl.threadpool_limits(1):
         slam.set_camera(drive.camera)
@@ -143,20 +158,38 @@ def solve(
                 predictions.append(prediction)
                 if on_prediction:
                     on_prediction(prediction)
-            steps += ready
-            if on_step:
-                for step in ready:
+            for step in ready:
+                steps.append(step)
+                rows.append(step.row())
+                summary.add_step(rows[-1])
+                if on_step:
                     on_step(step)
+        slam.refuse_waiting()
         smoothed = slam.smoothed() if smooth else None
         landmarks = slam.landmarks() if smoothed is None else smoothed.landmarks
+    refused = RefusalCounts()
+    for counts in (drive.refused, reckoning.refused, slam.refused):
+        refused.merge(counts)
+    summary.landmarks, summary.tracks = len(landmarks), len(np.unique(landmarks.ids))
+    summary.set_refused(refused)
+    summary.resets = slam.resets
+    summary.peak_rss_mb = peak_rss_mb()
+    reason = shortfall(len(steps), summary.refused, summary.refused_first)
+    summary.complete, summary.incomplete_reason = reason is None, reason
     return Solution(
-        steps=tuple(steps),
+        trajectory=trajectory_of(steps),
         dead_reckoning=trajectory_of(predictions),
         landmarks=landmarks,
-        refused={
-            **{f"twist_{reason}": count for reason, count in reckoning.refused.items()},
-            **slam.refused,
-        },
-        resets=slam.resets,
-        smoothed=smoothed,
+        steps=_table(rows),
+        summary=summary.as_dict(),
+        refused=refused,
+        smoothed=None if smoothed is None else smoothed_trajectory(smoothed),
     )
+
+
+def _table(rows: Sequence[Row]) -> dict[str, NDArray[Any]]:
+    """Columns of rows with the same names; those of every step where there is no row."""
+    names = rows[0] if rows else KINDS
+    return {
+        name: np.array([row[name] for row in rows], dtype=KINDS.get(name, float)) for name in names
+    }

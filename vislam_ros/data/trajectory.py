@@ -30,11 +30,14 @@ class Trajectory:
         Metres.
     quaternions : ndarray, (N, 4)
         x, y, z, w.
+    covariances : ndarray, (N, 6, 6), or None
+        Of the pose errors ``[rho; theta]`` on the right, where they are known.
     """
 
     stamps: NDArray[np.int64]
     positions: NDArray[np.float64]
     quaternions: NDArray[np.float64]
+    covariances: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -63,6 +66,13 @@ def moving_steps(T_world_body: NDArray[np.float64]) -> NDArray[np.bool_]:
     """
     way = np.linalg.norm(np.diff(T_world_body[:, :3, 3], axis=0), axis=1)
     return np.concatenate([[False], ~(way <= _STANDING)])
+
+
+def nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Nearest nanosecond to each time (T,) in seconds: of the float's own value, unrounded."""
+    whole = np.floor(seconds)
+    fraction = np.rint((seconds - whole) * NANOSECONDS)
+    return whole.astype(np.int64) * NANOSECONDS + fraction.astype(np.int64)
 
 
 def stamp_text(stamp: int) -> str:
@@ -99,7 +109,7 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     path.write_text(tum_text(trajectory), encoding="ascii")
 
 
-def read_tum(path: Path) -> Trajectory:
+def read_tum(path: Path | str) -> Trajectory:
     """Read a TUM file; empty lines and lines that begin with # are passed over.
 
     Raises
@@ -108,6 +118,7 @@ def read_tum(path: Path) -> Trajectory:
         Where the file is missing, is empty, has a line without eight finite numbers, or its
         stamps do not increase.
     """
+    path = Path(path)
     try:
         text = path.read_text(encoding="ascii")
     except (OSError, UnicodeDecodeError) as error:

@@ -108,10 +108,11 @@ def _overrides(node: Node) -> dict[str, Any]:
 
 def _descriptor(field: "dataclasses.Field[Any]", *, read_only: bool) -> ParameterDescriptor:
     metadata = field.metadata
-    low, high = metadata["minimum"], metadata["maximum"]
-    choices = f" ({', '.join(metadata['choices'])})" if metadata["choices"] else ""
+    # A user's own settings may be plain fields.
+    low, high = metadata.get("minimum"), metadata.get("maximum")
+    choices = f" ({', '.join(metadata['choices'])})" if metadata.get("choices") else ""
     descriptor = ParameterDescriptor(
-        description=metadata["description"] + choices, read_only=read_only
+        description=metadata.get("description", "") + choices, read_only=read_only
     )
     if low is None and high is None:
         return descriptor

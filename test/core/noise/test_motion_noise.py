@@ -32,13 +32,14 @@ def test_the_walk_of_each_axis_is_found_while_vision_sees_it(ratio: float, tau: 
     assert_allclose(np.sqrt(noise.walk_variance), walk, rtol=0.2)
 
 
-def test_motion_that_jerks_on_one_axis_is_not_taken_for_noise() -> None:
+@pytest.mark.parametrize("quiet", range(3))
+def test_motion_that_jerks_on_other_axes_is_not_taken_for_noise(quiet: int) -> None:
     rng = np.random.default_rng(42)
     noise = MotionNoise(TWIST, WALK, FrameRate())
+    jerks = np.tile(np.arange(3) != quiet, 2)
     for _ in range(400):
         twist = 0.01 * rng.standard_normal(6)
-        twist[[2, 4]] += rng.standard_normal(2)
-        noise.add(twist)
+        noise.add(twist + jerks * rng.standard_normal(6))
     assert_allclose(np.sqrt(noise.twist_variance), 0.01, rtol=0.25)
 
 
@@ -46,14 +47,15 @@ def test_a_twist_that_never_changes_keeps_some_room() -> None:
     noise = MotionNoise(TWIST, np.zeros(6), FrameRate())
     for _ in range(2000):
         noise.update(np.zeros(6), 0.1 * noise.walk_variance + 1e-12, np.zeros(6), np.ones(6), 0.1)
-    assert np.all(noise.walk_variance > 0)
+    assert_allclose(np.sqrt(noise.walk_variance), np.repeat([3e-3, 3e-4], 3))
 
 
-def test_a_twist_that_repeats_itself_keeps_some_noise() -> None:
+def test_a_twist_without_any_noise_keeps_some() -> None:
     noise = MotionNoise(TWIST, WALK, FrameRate())
-    for _ in range(400):
+    for _ in range(60):
         noise.add(np.array([1.0, 0, 0, 0, 0, 0.1]))
-    assert np.all(noise.twist_variance > 0)
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.zeros(6), 0.1)
+    assert_allclose(np.sqrt(noise.twist_variance), np.repeat([1e-5, 1e-6], 3))
 
 
 def test_what_vision_sees_of_the_measured_twists_noise_counts_where_it_is_less() -> None:
@@ -81,3 +83,31 @@ def test_what_vision_has_seen_fades_within_half_a_minute_at_any_rate(rate: Frame
     expected = 0.2**2 + (0.1**2 - 0.2**2) * np.exp(-1)
     assert_allclose(noise.walk_variance, expected, rtol=0.01)
     assert_allclose(noise.twist_variance, 0.01 * expected, rtol=0.01)
+
+
+def test_the_prior_of_the_walk_counts_as_five_steps() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    for steps in (1, 2, 3):
+        before = 0.1 * noise.walk_variance
+        noise.update(np.sqrt(0.1) * 2 * WALK, before, np.zeros(6), np.ones(6), 0.1)
+        assert_allclose(noise.walk_variance, (5 + 4 * steps) / (5 + steps) * WALK**2)
+
+
+def test_what_remains_uncertain_of_a_change_counts_with_what_is_seen_of_it() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    # Twice as much was unknown as the step has added, and half of that still is.
+    Q = 0.1 * WALK**2
+    noise.update(np.sqrt(Q), 2 * Q, Q, np.ones(6), 0.1)
+    assert_allclose(noise.walk_variance, WALK**2 * (5 + (1 / 4 + 1 - 1 / 4)) / 6)
+
+
+def test_vision_bounds_the_twists_noise_from_fifty_steps_on() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    for steps in range(1, 52):
+        # The mean over a sensor's axes, and over the steps.
+        squares = np.array([1, 2, 6, 2, 3, 4]) * (2 if steps % 2 else 1) * 1e-4
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, squares, 0.1)
+        if steps < 50:
+            assert_allclose(noise.twist_variance, TWIST**2)
+        elif steps == 50:
+            assert_allclose(noise.twist_variance, np.full(6, 4.5e-4))

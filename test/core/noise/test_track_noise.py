@@ -88,7 +88,7 @@ def test_errors_that_stay_are_offsets_and_leave_the_right_pixel_out() -> None:
     assert_allclose(first[0, 0], noise.level)
     assert np.all(np.linalg.eigvalsh(first) > 0)
     assert_allclose(noise.expected(np.ones((1, 3)), y), [[1.0, 1.29, 1.0]])
-    assert noise.gate(16.27) > 16.27
+    assert noise.gate(16.0) == 24.0
     assert noise.gate(0.0) == 0.0
 
 
@@ -180,3 +180,92 @@ def test_the_level_follows_within_half_a_minute_at_any_rate(rate: FrameRate) -> 
             update(noise, np.tile(np.sqrt(square * PRIOR), (8, 1)))
             noise.remove(np.ones(8, dtype=bool))
     assert_allclose(noise.level - 1.0, 0.1 * (1 - np.exp(-1)), rtol=0.03)
+
+
+def test_one_frame_moves_scale_and_level_as_the_equations_say() -> None:
+    noise = track_noise(0.0)
+    noise.add(2)
+    residual, state = np.array([[1.0, -2.0, 0.5], [0.3, 0.1, -0.2]]), 3.0
+    S = PRIOR + state
+    update(noise, residual, state)
+    w, from_noise = residual / S, np.sum(PRIOR / S)
+    excess = np.sum(residual**2 / S) - 6
+    # The prior of the level counts as 25 frames, that of a scale as six numbers.
+    assert_allclose(noise.level, np.exp(excess / (26 * 2 * from_noise)))
+    scales = (6 + w**2 @ PRIOR - from_noise + 3) / 9
+    assert_allclose(noise.variances(np.arange(2)), noise.level * scales[:, None] * PRIOR)
+
+    level, scale = noise.level, scales[0]
+    S = level * scale * PRIOR + state
+    noise.remove(np.array([False, True]))
+    update(noise, residual[:1], state)
+    w, from_noise = residual[0] / S, scale * np.sum(level * PRIOR / S)
+    excess = np.sum(residual[0] ** 2 / S) - 3
+    assert_allclose(noise.level, level * np.exp(excess / (27 * from_noise)))
+    expected = scale * (scale * (w**2 @ (level * PRIOR)) - from_noise + 3)
+    assert_allclose(
+        noise.variances(np.arange(1))[0], noise.level * (9 * scale + expected) / 12 * PRIOR
+    )
+
+
+def test_no_frame_changes_the_logarithm_of_the_level_by_more_than_a_third_or_so() -> None:
+    noise = track_noise(0.0)
+    noise.add(TRACKS)
+    update(noise, np.full((TRACKS, 3), 1e4))
+    assert_allclose(noise.level, np.exp(0.3))
+
+
+def test_twenty_rows_tell_where_the_level_begins() -> None:
+    mismatch = np.tile([-3.0, 3.0], 10)
+    few, enough, wild = track_noise(), track_noise(), track_noise()
+    few.initialize_level(mismatch[:19])
+    enough.initialize_level(mismatch)
+    wild.initialize_level(1e6 * mismatch)
+    assert few.level == 1.0
+    assert_allclose(enough.level, (3 * 1.4826) ** 2)
+    assert_allclose(wild.level, 1e4)
+
+
+def stays(noise: TrackNoise, first: float, then: float, tracks: int) -> None:
+    """Let the disparities of new tracks be off by this, and then by that."""
+    noise.add(tracks)
+    for error in (first, then):
+        update(noise, np.tile([error, 0.0, 0.0], (tracks, 1)))
+    noise.remove(np.ones(tracks, dtype=bool))
+
+
+@pytest.mark.parametrize("then", [0.55, 1.45])
+def test_four_errors_that_stay_are_the_proof_that_was_missing(then: float) -> None:
+    for tracks, proven in ((3, False), (4, True)):
+        noise = track_noise()
+        stays(noise, 1.0, then, tracks)
+        assert noise.has_offsets is proven
+
+
+@pytest.mark.parametrize("then", [-1.0, 0.45, 1.55])
+def test_errors_that_change_by_half_of_themselves_prove_nothing(then: float) -> None:
+    noise = track_noise()
+    stays(noise, 1.0, then, 100)
+    assert not noise.has_offsets
+    # And count against what comes.
+    stays(noise, 1.0, 1.0, 4)
+    assert not noise.has_offsets
+
+
+def test_a_first_error_is_compared_with_nothing() -> None:
+    noise = track_noise()
+    noise.add(100)
+    update(noise, np.tile([1.0, 0.0, 0.0], (100, 1)))
+    noise.remove(np.ones(100, dtype=bool))
+    stays(noise, 1.0, 1.0, 4)
+    assert noise.has_offsets
+
+
+def test_five_thousand_errors_are_remembered() -> None:
+    noise = track_noise()
+    for _ in range(400):
+        stays(noise, 1.0, -1.0, 100)
+    # Each time 60 of 5000 are forgotten: 1 - (1 - 60 / 5000)^36 is the first share above 0.35.
+    for times in range(1, 37):
+        stays(noise, 1.0, 1.0, 60)
+        assert noise.has_offsets is (times == 36)

@@ -78,6 +78,64 @@ def test_a_few_repeated_pixels_are_chance(tracks):
     assert not observe(tracks, {1: 100, 2: 201, 3: 301})[0].frozen
 
 
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.75])
+def test_exactly_the_share_of_repeated_tracks_is_not_yet_frozen(share):
+    before = {track: 100.0 * track for track in range(1, 9)}
+    for more, frozen in ((0, False), (1, True)):
+        tracks = Tracks(retire_after=1, frozen_share=share)
+        observe(tracks, before)
+        moved = int(8 * (1 - share)) - more
+        frame, _ = observe(tracks, {t: u + (t <= moved) for t, u in before.items()})
+        assert frame.frozen is frozen
+
+
+def test_the_share_is_of_the_tracks_in_both_frames_alone():
+    tracks = Tracks(retire_after=3, frozen_share=0.5)
+    observe(tracks, {1: 100, 2: 200, 3: 300, 8: 800, 9: 900})
+    observe(tracks, {1: 101, 2: 201, 3: 301})
+    # Two of three repeat their pixels; two are back and one is new.
+    frame, _ = observe(tracks, {1: 101, 2: 201, 3: 302, 4: 400, 8: 802, 9: 902})
+    assert frame.frozen
+
+
+def test_nothing_repeated_is_not_frozen_even_where_any_share_would_be():
+    tracks = Tracks(retire_after=1, frozen_share=0.0)
+    assert not observe(tracks, {1: 100})[0].frozen
+    assert not observe(tracks, {1: 101})[0].frozen
+    assert not observe(tracks, {})[0].frozen
+
+
+def test_whether_motion_is_expected_is_asked_only_where_many_pixels_repeat(tracks):
+    def asked():
+        raise AssertionError
+
+    for u in (100, 101):
+        tracks.observe(*frame_of({1: u, 2: u + 100}), asked)
+
+
+@pytest.mark.parametrize("row", range(4))
+def test_a_copy_repeats_all_four_pixels(tracks, row):
+    ids, pixels = frame_of({1: 100, 2: 200})
+    tracks.observe(ids, pixels, lambda: True)
+    moved = pixels.copy()
+    moved[:, row] += np.float32(1e-3)
+    assert not tracks.observe(ids, moved, lambda: True).frozen
+    assert tracks.observe(ids, moved, lambda: True).frozen
+
+
+def test_the_last_pixels_are_those_of_the_last_frame_alone():
+    tracks = Tracks(retire_after=3, frozen_share=0.5)
+    assert tracks.last_pixels().shape == (0, 4)
+    observe(tracks, {1: 100, 2: 200, 5: 500})
+    assert tracks.last_pixels()[:, 0].tolist() == [100, 200, 500]
+    observe(tracks, {5: 501, 1: 101})
+    assert tracks.last_pixels()[:, 0].tolist() == [101, 501]
+    observe(tracks, {2: 202})
+    assert tracks.last_pixels()[:, 0].tolist() == [202]
+    observe(tracks, {})
+    assert tracks.last_pixels().shape == (0, 4)
+
+
 def test_continuity_can_be_turned_off():
     tracks = Tracks(retire_after=1, frozen_share=None)
     _, first = observe(tracks, {1: 100, 2: 200})
@@ -111,6 +169,16 @@ def test_pixels_of_before_a_gap_are_no_copies():
     frame, second = observe(tracks, {1: 102, 2: 200})
     assert not frame.frozen
     assert second == first
+
+
+def test_a_track_that_is_back_at_its_old_pixels_is_no_copy_even_in_a_frozen_frame():
+    tracks = Tracks(retire_after=2, frozen_share=0.5)
+    _, first = observe(tracks, {1: 100, 2: 200, 3: 300})
+    observe(tracks, {1: 101, 2: 201})
+    frame, keys = observe(tracks, {1: 101, 2: 201, 3: 300})
+    assert frame.frozen
+    assert keys[3] == first[3]
+    assert frame.copied.tolist() == [key != keys[3] for key in frame.keys.tolist()]
 
 
 def test_a_rejected_point_begins_anew_when_seen_again(tracks):
@@ -152,6 +220,12 @@ def test_a_resting_track_that_jumps_to_another_point_begins_there(resting_tracks
     assert frame.frozen
     assert sorted(keys) == [1, 2, 3]
     assert frame.copied.tolist() == [key in (keys[1], keys[2]) for key in frame.keys.tolist()]
+
+
+def test_a_track_that_has_jumped_is_followed_from_then_on(resting_tracks):
+    _, keys = observe(resting_tracks, {1: 100, 2: 200, 3: 301})
+    for k in (1, 2, 3):
+        assert observe(resting_tracks, {1: 100 + k, 2: 200 + k, 3: 301 + k})[1] == keys
 
 
 def test_an_id_that_comes_back_has_rested_enough(resting_tracks):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.data.datasets import npz
 from vislam_ros.data.datasets.conventions import (
     AS_FOUND,
     Conventions,
@@ -15,7 +16,6 @@ from vislam_ros.data.datasets.conventions import (
     reprojection_errors,
     settle_conventions,
 )
-from vislam_ros.data.datasets.dataset import load_dataset
 from vislam_ros.data.datasets.step_pairs import step_pairs
 from vislam_ros.data.datasets.twist_origin import misplaced_imu
 from vislam_ros.data.simulation.simulate import (
@@ -190,8 +190,8 @@ def test_frozen_steps_are_not_looked_at(drive):
 
 @pytest.mark.parametrize("name", ["03", "10_synthetic"])
 def test_drives_with_mixed_axes_are_mended(shared_data, name):
-    drive = load_dataset(shared_data / f"{name}.npz")
-    given = load_dataset(shared_data / f"{name}.npz", conventions=AS_GIVEN)
+    drive = npz.read(shared_data / f"{name}.npz")
+    given = npz.read(shared_data / f"{name}.npz", conventions=AS_GIVEN)
     assert extrinsics_frame(given.camera) == "frd"
     assert extrinsics_frame(drive.camera) == "flu"
     np.testing.assert_array_equal(drive.twists, given.twists)
@@ -203,8 +203,8 @@ def test_drives_with_mixed_axes_are_mended(shared_data, name):
 
 @pytest.mark.parametrize("name", ["0027", "0022", "0020"])
 def test_kittis_twists_are_moved_to_the_body_that_the_extrinsics_describe(shared_data, name):
-    drive = load_dataset(shared_data / f"{name}.npz")
-    given = load_dataset(shared_data / f"{name}.npz", conventions=AS_GIVEN)
+    drive = npz.read(shared_data / f"{name}.npz")
+    given = npz.read(shared_data / f"{name}.npz", conventions=AS_GIVEN)
     assert drive.camera == given.camera
     np.testing.assert_array_equal(drive.twists[:, 3:], given.twists[:, 3:])
     imu = misplaced_imu(given.camera)
@@ -222,6 +222,6 @@ def test_the_twist_at_the_end_of_a_step_fits_best(shared_data, name):
     path = shared_data / f"{name}.npz"
     medians = {}
     for index in ("end", "start"):
-        drive = load_dataset(path, conventions=Conventions("flu", index))
+        drive = npz.read(path, conventions=Conventions("flu", index))
         medians[index] = np.median(reprojection_errors(drive, step_pairs(drive)))
     assert medians["end"] < medians["start"]

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vislam_ros.data.datasets.array_stream import ArrayStream
-from vislam_ros.data.datasets.sparse_features import gather_observations, image_size_that_holds
+from vislam_ros.data.datasets.sparse_features import gather_observations
+from vislam_ros.data.drive import image_size_that_holds
 
 
 def stream(dense, *, fortran_order=False, chunk=7):

@@ -20,7 +20,7 @@ from vislam_ros.data.evaluation.evaluate import (
     associate,
     compare,
     distance_pairs,
-    evaluate,
+    evaluate_results,
     first_pose_alignment,
     frame_pairs,
     normalised_errors,
@@ -243,7 +243,7 @@ def test_a_result_directory_is_evaluated_to_plain_json(tmp_path: Path) -> None:
     truth = winding_drive(18, poses=100)
     write_tum(tmp_path / "reference.tum", truth)
     write_run(tmp_path / "results", perturbed(truth, 19))
-    evaluation = evaluate(tmp_path / "results", tmp_path / "reference.tum")
+    evaluation = evaluate_results(tmp_path / "results", tmp_path / "reference.tum")
     assert evaluation["reference_length_m"] == pytest.approx(path_length(truth))
     assert evaluation["trajectory"]["nees_left_out"] <= 1
     assert evaluation["dead_reckoning"]["ate_m"] == evaluation["trajectory"]["ate_m"]
@@ -255,7 +255,7 @@ def test_the_wrong_reference_is_named(tmp_path: Path) -> None:
     write_run(tmp_path / "results", winding_drive(20, poses=10))
     write_tum(tmp_path / "other.tum", stamped(0, 100, 200))
     with pytest.raises(VislamError, match=r"other.tum: 0 poses of the reference"):
-        evaluate(tmp_path / "results", tmp_path / "other.tum")
+        evaluate_results(tmp_path / "results", tmp_path / "other.tum")
 
 
 def test_smoothed_poses_are_judged_with_their_own_covariances(tmp_path: Path) -> None:
@@ -268,7 +268,7 @@ def test_smoothed_poses_are_judged_with_their_own_covariances(tmp_path: Path) ->
             writer.add_step(*pose, np.eye(6), step_row(stamp))
         writer.set_smoothed(estimate, np.tile(0.25 * np.eye(6), (len(estimate), 1, 1)))
         writer.finish(complete=True)
-    evaluation = evaluate(tmp_path / "results", tmp_path / "reference.tum")
+    evaluation = evaluate_results(tmp_path / "results", tmp_path / "reference.tum")
     filtered, smoothed = evaluation["trajectory"], evaluation["smoothed"]
     assert smoothed["ate_m"] == filtered["ate_m"]
     assert smoothed["nees_per_dof"] == pytest.approx(4 * filtered["nees_per_dof"])

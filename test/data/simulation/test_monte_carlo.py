@@ -11,7 +11,7 @@ from vislam_ros.core.filters.registry import slam_settings
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
-from vislam_ros.data.solving import covariances_of, solve
+from vislam_ros.data.solving import solve
 
 SEEDS = range(3)
 
@@ -51,18 +51,16 @@ def monte_carlo(
         ).drive
         assert drive.ground_truth is not None
         solution = solve(drive, settings, PredictionSettings())
-        covariances = covariances_of(solution.steps)
+        covariances = solution.trajectory.covariances
         figures = compare(drive.ground_truth, solution.trajectory, covariances)
         nees.append(figures["nees_per_dof"])
         ate.append(figures["ate_m"]["rmse"])
         dead_reckoning.append(
             compare(drive.ground_truth, solution.dead_reckoning)["ate_m"]["rmse"]
         )
-        nis.append(
-            sum(step.nis for step in solution.steps) / sum(step.nis_dof for step in solution.steps)
-        )
-        observed = sum(step.observed for step in solution.steps)
-        rejected.append(sum(step.rejected for step in solution.steps) / observed)
+        nis.append(solution.summary["nis_per_dof"])
+        steps = solution.steps
+        rejected.append(np.sum(steps["rejected"]) / np.sum(steps["observed"]))
     return Figures(
         float(np.mean(nees)),
         float(np.mean(nis)),

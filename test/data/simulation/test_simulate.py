@@ -9,7 +9,7 @@ import pytest
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import settings_from_dict
-from vislam_ros.data.datasets.dataset import load_dataset
+from vislam_ros.data.datasets import npz
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.motion import drive_poses
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
@@ -251,7 +251,7 @@ def test_the_file_gives_the_same_drive(tmp_path, settings):
     simulated = simulate(settings)
     path = tmp_path / "sim.npz"
     truth_path = write_simulated(path, simulated)
-    drive = load_dataset(path)
+    drive = npz.read(path)
     assert drive.name == "sim"
     assert_same_drive(drive, simulated.drive)
     truth = read_tum(truth_path)
@@ -280,7 +280,7 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path, existing):
     assert [p.name for p in tmp_path.iterdir()] == [existing]
     assert (tmp_path / existing).read_text() == "mine"
     write_simulated(tmp_path / "sim.npz", simulated, force=True)
-    assert load_dataset(tmp_path / "sim.npz").steps == 80
+    assert npz.read(tmp_path / "sim.npz").steps == 80
 
 
 def test_a_name_without_npz_or_a_missing_folder_is_refused(tmp_path):

@@ -30,7 +30,7 @@ from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.tracking.tracks import Tracks
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import associate_stamps
-from vislam_ros.data.solving import Solution, covariances_of, solve
+from vislam_ros.data.solving import Solution, solve
 from vislam_ros.data.trajectory import Trajectory, moving_steps
 from vislam_ros.errors import VislamError
 
@@ -150,7 +150,7 @@ def redraw(
     """
 
     def figures(solution: Solution) -> dict[str, float]:
-        return judged(reference, solution.trajectory, covariances_of(solution.steps))
+        return judged(reference, solution.trajectory)
 
     on_progress(f"the points of {drive.name}")
     noise = NoiseRedrawn(drive, reference, slam_settings)

@@ -23,7 +23,7 @@ from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
-from vislam_ros.data.solving import covariances_of, smoothed_trajectory, solve
+from vislam_ros.data.solving import smoothed_trajectory, solve
 from vislam_ros.data.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -171,9 +171,9 @@ class MonteCarlo:
         batch_with_walk, with_walk_converged = _batch(drive, problem, estimate, walk)
         return {
             "filters": {
-                "robocentric": judged(truth, estimate, covariances_of(recorded.steps)),
-                "smoothed": judged(truth, smoothed_trajectory(smoothed), smoothed.covariances),
-                "joint": judged(truth, joint.trajectory, covariances_of(joint.steps)),
+                "robocentric": judged(truth, estimate),
+                "smoothed": judged(truth, smoothed_trajectory(smoothed)),
+                "joint": judged(truth, joint.trajectory),
             },
             "dead_reckoning_m": _ate(drive, joint.dead_reckoning),
             "batch_m": batch,
@@ -240,9 +240,9 @@ def std_error(values: Array) -> float | None:
     return float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else None
 
 
-def judged(reference: Trajectory, estimate: Trajectory, covariances: Array) -> dict[str, float]:
-    """NEES/6 and aligned ATE, metres, of an estimate with covariances (n, 6, 6) of its poses."""
-    figures = compare(reference, estimate, covariances)
+def judged(reference: Trajectory, estimate: Trajectory) -> dict[str, float]:
+    """NEES/6 and aligned ATE, metres, of an estimate with covariances."""
+    figures = compare(reference, estimate, estimate.covariances)
     return {"nees": figures["nees_per_dof"], "ate_m": figures["ate_m"]["rmse"]}
 
 

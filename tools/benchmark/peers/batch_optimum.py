@@ -192,7 +192,7 @@ class BatchProblem:
         scale = problem.pixel_std[:, None]
         return Residuals(
             residual=residual,
-            weight=seen.ahead * np.minimum(1.0, _HUBER / np.maximum(length, _HUBER)),
+            weight=seen.ahead.astype(float) * np.minimum(1.0, _HUBER / np.maximum(length, _HUBER)),
             by_point=seen.F_y / scale,
             by_pose=by_pose / scale,
             by_anchor=by_anchor / scale,

@@ -19,7 +19,7 @@ from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import LONG_DELTA, compare
 from vislam_ros.data.simulation.simulate import SimulatedLandmarks
-from vislam_ros.data.solving import covariances_of, solve
+from vislam_ros.data.solving import solve
 from vislam_ros.data.sweeps.run import Row
 
 # One landmark in a hundred is farther from its place than this, in squares, if its covariance is
@@ -113,7 +113,7 @@ def _judged(
     slam = replace(settings.slam, feature_fraction=trial_drive.feature_fraction)
     solution = solve(loaded.drive, slam, settings.prediction)
     trajectory = solution.trajectory
-    errors = compare(loaded.truth, trajectory, covariances_of(solution.steps))
+    errors = compare(loaded.truth, trajectory, trajectory.covariances)
     long_errors = errors[f"rpe_{LONG_DELTA:.0f}m_m"]
     poses = np.hstack([trajectory.positions, trajectory.quaternions])
     figures = {

@@ -5,13 +5,14 @@
 import argparse
 
 from vislam_ros.cli.exit_codes import OK
-from vislam_ros.cli.reading import conventions, print_notes
+from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.conversion import convert
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
+    use_format(arguments)
     with progress_bar("converting", 1.0) as update:
         drive = convert(
             arguments.data,

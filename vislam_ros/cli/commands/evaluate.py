@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vislam_ros.cli.exit_codes import OK
-from vislam_ros.data.evaluation.evaluate import evaluate
+from vislam_ros.data.evaluation.evaluate import evaluate_results
 
 _ERRORS = (
     ("ate_m", "ATE, aligned [m]"),
@@ -26,7 +26,7 @@ _STATISTICS = ("rmse", "mean", "median", "max")
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
-    evaluation = evaluate(arguments.directory, arguments.reference)
+    evaluation = evaluate_results(arguments.directory, arguments.reference)
     if arguments.json:
         print(json.dumps(evaluation, indent=2))
         return OK

@@ -52,6 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     arguments.data, arguments.params = described.data, described.params
     parameters = run_parameters(arguments)
     plan = _plan(described, parameters)
+    for note in plan.unused_notes():
+        print(f"warning: slam_node: {note}", file=sys.stderr)
     inputs = _inputs(arguments, described, parameters)
     with SweepLog(arguments.out, identity_of(inputs), force=arguments.force) as log:
         points = _sweep(arguments, plan, inputs, log)
@@ -116,7 +118,9 @@ def _inputs(
     if described.simulate is not None:
         return SweepInputs(given_map=given_map, smooth=arguments.smooth)
     reference = read_tum(described.reference) if described.reference else None
-    drive = read_input(arguments)
+    drive, *others = read_input(arguments, parameters.reading)
+    if others:
+        print(f"note: only the first of {len(others) + 1} passes is solved", file=sys.stderr)
     return SweepInputs(drive, reference or drive.ground_truth, given_map, arguments.smooth)
 
 

@@ -129,4 +129,10 @@ def _on_given_map(settings: LocalizationSettings, given: Surroundings) -> Locali
     return LocalizationFilter(settings, given.camera, given.given_map, given.ids_of_keys)
 
 
-register_estimator("localization", LocalizationSettings, _on_given_map)
+register_estimator(
+    "localization",
+    LocalizationSettings,
+    _on_given_map,
+    # A landmark of the map is not set aside.
+    unused=("retire_after", "rest_after_rejection"),
+)

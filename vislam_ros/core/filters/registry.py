@@ -9,14 +9,14 @@ outside when it is named as ``module:Class``.
 
 import dataclasses
 import importlib
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.settings import SlamSettings, nearest_name, settings_from_dict
-from vislam_ros.errors import SettingsError
+from vislam_ros.errors import SettingsError, VislamError
+from vislam_ros.outside import import_outside, in_a_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,6 +39,16 @@ _MODULES = {
         "dead_reckoning",
     )
 }
+
+# Of an Estimator, see vislam_ros.core.filters.estimator.
+_PARTS = (
+    "T_world_body",
+    "pose_covariance",
+    "active",
+    "landmark_count",
+    "step",
+    "landmarks",
+)
 
 
 @dataclass(frozen=True)
@@ -77,6 +87,25 @@ class Registration:
         """Whether it works on a given map."""
         return issubclass(self.settings, GivenMapSettings)
 
+    def made(self, settings: SlamSettings, given: Surroundings) -> "Estimator":
+        """Make the estimator.
+
+        Raises
+        ------
+        SettingsError
+            Where that fails, or what is made lacks a part of an estimator.
+        """
+        try:
+            estimator = self.make(settings, given)
+        except TypeError as error:
+            raise SettingsError(
+                f"estimator: {self.name!r} cannot be made: {in_a_line(error)}"
+            ) from error
+        lacking = [name for name in _PARTS if not hasattr(estimator, name)]
+        if lacking:
+            raise SettingsError(f"estimator: {self.name!r} has no {', '.join(lacking)}")
+        return estimator
+
     def require_smoothable(self) -> None:
         """Raise a SettingsError where it cannot be smoothed."""
         if not self.smoothable:
@@ -112,7 +141,7 @@ def register_estimator(
         Value of the setting ``estimator`` that chooses it.
     settings : type
         Frozen dataclass that extends :class:`~vislam_ros.core.settings.SlamSettings` by what is
-        the estimator's own.
+        the estimator's own, each field with a default.
     make : callable
         Makes the :class:`~vislam_ros.core.filters.estimator.Estimator` of settings and
         :class:`Surroundings`; its class, if that takes the two.
@@ -124,10 +153,14 @@ def register_estimator(
     Raises
     ------
     SettingsError
-        Where another estimator has that name, or the settings are no such class.
+        Where an estimator of this package has that name, or the settings are no such class.
     """
-    if not (dataclasses.is_dataclass(settings) and issubclass(settings, SlamSettings)):
+    if not (isinstance(settings, type) and issubclass(settings, SlamSettings)):
         raise SettingsError(f"{name}: its settings {settings!r} are no subclass of SlamSettings")
+    try:
+        settings()
+    except TypeError as error:
+        raise SettingsError(f"{name}: each of its settings needs a default: {error}") from error
     if name in _MODULES and getattr(make, "__module__", None) != _MODULES[name]:
         raise SettingsError(f"{name}: is the name of an estimator of this package: take another")
     _registered[name] = Registration(name, settings, make, smoothable, unused)
@@ -161,16 +194,10 @@ def estimator_named(name: str) -> Registration:
 
 def _outside(name: str, module: str, attribute: str) -> Registration:
     """Import the estimator ``module:Class``, which registers itself."""
-    # A file in the current folder is found, too, by whatever command.
-    if "" not in sys.path:
-        sys.path.append("")
     try:
-        made = getattr(importlib.import_module(module), attribute)
-    except Exception as error:  # it is not our code
-        reason = str(error).partition("\n")[0]
-        raise SettingsError(
-            f"estimator: {name!r} cannot be imported: {type(error).__name__}: {reason}"
-        ) from error
+        made = getattr(import_outside(module), attribute)
+    except (VislamError, AttributeError) as error:
+        raise SettingsError(f"estimator: {name!r}: {error}") from error
     for registration in _registered.values():
         if registration.make is made:
             return registration
@@ -203,23 +230,24 @@ def replaced(settings: SlamSettings, **values: Any) -> SlamSettings:
     return slam_settings({**dataclasses.asdict(settings), **values})
 
 
-def unused_settings(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Names, sorted, that are set to other than their default and that the estimator ignores."""
+def unused_settings(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values, by name, that are other than their default and that the estimator ignores."""
     chosen, owners = _chosen(values), setting_owners(values)
     used = chosen.setting_names - set(chosen.unused)
-    return tuple(
-        name
-        for name in sorted(values.keys() & owners.keys() - used)
-        if getattr(_own(owners[name], values), name) != getattr(owners[name].settings(), name)
-    )
+    unused = {}
+    for name in sorted(values.keys() & owners.keys() - used):
+        value = getattr(_own(owners[name], values), name)
+        if value != getattr(owners[name].settings(), name):
+            unused[name] = value
+    return unused
 
 
 def unused_note(values: Mapping[str, Any]) -> str | None:
     """One line about settings that change nothing; None where there are none."""
-    names = unused_settings(values)
-    if not names:
+    unused = unused_settings(values)
+    if not unused:
         return None
-    return f"{', '.join(names)}: set, but not used by estimator {_chosen(values).name}"
+    return f"{', '.join(unused)}: set, but not used by estimator {_chosen(values).name}"
 
 
 def setting_owners(values: Mapping[str, Any]) -> dict[str, Registration]:

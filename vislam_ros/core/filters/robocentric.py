@@ -385,4 +385,6 @@ register_estimator(
     RobocentricSettings,
     lambda settings, given: RobocentricFilter(settings, given.camera, given.tape),
     smoothable=True,
+    # Its noise of the motion is the walk of the twist in its state.
+    unused=("process_noise", "process_variance"),
 )

@@ -212,6 +212,6 @@ class TrackNoise:
         compared = np.isfinite(last)
         count = int(np.count_nonzero(compared))
         if count:
-            staying = np.count_nonzero(np.abs(error - last) < _STAYS * np.abs(last))
+            staying = int(np.count_nonzero(np.abs(error - last) < _STAYS * np.abs(last)))
             self._errors = min(self._errors + count, _ERRORS_REMEMBERED)
             self._staying += (staying - count * self._staying) / self._errors

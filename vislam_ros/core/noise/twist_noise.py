@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 _VARIANCE_RATIO = 20.0
 #: Median of the absolute value of a standard normal variable, inverted.
 MEDIAN_TO_STD = 1.4826
-# Memory [s]; at 10 Hz enough for a median that is good to 5 %.
+# Memory [s]; at 10 Hz enough to know an axis to 9 %.
 _MEMORY = 30.0
 # To save time: the median is taken anew at every sample at first, and then at every tenth.
 _OFTEN, _RENEWAL = 50, 10

@@ -131,7 +131,7 @@ class Tracks:
         if not frozen:
             copied[:] = False
         ended = [keys[copied]]
-        rest[copied] = 0
+        # A copied track stands for another point now, so it rests no longer.
         fresh = ((keys == NO_KEY) & (rest == 0)) | copied
         keys[fresh] = self._new_keys(ids[fresh])
 

@@ -92,11 +92,3 @@ def gather_observations(stream: ArrayStream, progress: Progress | None = None) -
         pixels=pixels[order],
         unusable=int(np.sum(~usable)),
     )
-
-
-def image_size_that_holds(pixels: NDArray[np.float32]) -> tuple[int, int]:
-    """Width and height of the smallest image, at least 1 x 1, with room for pixels (n, 4)."""
-    if not len(pixels):
-        return 1, 1
-    u, v = pixels[:, 0::2].max(), pixels[:, 1::2].max()
-    return max(int(np.floor(u)) + 1, 1), max(int(np.floor(v)) + 1, 1)

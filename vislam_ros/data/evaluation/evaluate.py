@@ -6,6 +6,7 @@ ATE and RPE follow Sturm et al., *A Benchmark for the Evaluation of RGB-D SLAM S
 and equal what the commands ``evo_ape tum -a`` and ``evo_rpe tum`` print for the same files.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -247,7 +248,80 @@ def path_length(trajectory: Trajectory) -> float:
     return float(np.sum(np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1)))
 
 
-def evaluate(directory: Path, reference: Path) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Statistics:
+    """What errors amount to: root mean square, mean, median, deviation, least and greatest."""
+
+    rmse: float
+    mean: float
+    median: float
+    std: float
+    min: float
+    max: float
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The figures of :func:`compare` as attributes.
+
+    Attributes
+    ----------
+    poses : int
+        How many were compared.
+    ate : Statistics
+        Distances from the reference after alignment, metres.
+    rpe_frame, rpe_100m : Statistics or None
+        Errors of the motion from frame to frame, and over each 100 m of path, metres; None where
+        the drive is shorter.
+    rpe_frame_deg, rpe_100m_deg : Statistics or None
+        The same of the turn, degrees.
+    nees_per_dof : float or None
+        Mean normalised estimation error squared of a pose by its 6 degrees of freedom; None where
+        the estimate has no covariances.
+    """
+
+    poses: int
+    ate: Statistics
+    rpe_frame: Statistics | None
+    rpe_frame_deg: Statistics | None
+    rpe_100m: Statistics | None
+    rpe_100m_deg: Statistics | None
+    nees_per_dof: float | None
+
+
+def evaluate(estimate: Trajectory | Path | str, reference: Trajectory | Path | str) -> Evaluation:
+    """Compare an estimate with a reference: ATE, RPE and NEES.
+
+    Parameters
+    ----------
+    estimate, reference : Trajectory, Path or str
+        A path is that of a TUM file.
+
+    Raises
+    ------
+    VislamError
+        Where a file cannot be read, or the two have fewer than two stamps in common.
+    """
+    estimate, reference = (
+        each if isinstance(each, Trajectory) else read_tum(each) for each in (estimate, reference)
+    )
+    figures = compare(reference, estimate, estimate.covariances)
+
+    def statistics_of(name: str) -> Statistics | None:
+        return Statistics(**figures[name]) if figures[name] else None
+
+    return Evaluation(
+        poses=figures["poses"],
+        ate=Statistics(**figures["ate_m"]),
+        rpe_frame=statistics_of("rpe_frame_m"),
+        rpe_frame_deg=statistics_of("rpe_frame_deg"),
+        rpe_100m=statistics_of("rpe_100m_m"),
+        rpe_100m_deg=statistics_of("rpe_100m_deg"),
+        nees_per_dof=figures.get("nees_per_dof"),
+    )
+
+
+def evaluate_results(directory: Path, reference: Path) -> dict[str, Any]:
     """Compare what a result directory holds with a reference file.
 
     Parameters

@@ -11,18 +11,17 @@ is about as far away there as it was a step before.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera, pixels_of
-from vislam_ros.core.settings import setting
-from vislam_ros.data.datasets.dataset import nanoseconds
-from vislam_ros.data.datasets.sparse_features import image_size_that_holds
-from vislam_ros.data.drive import Drive
+from vislam_ros.core.settings import changed, setting
+from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.simulation.motion import drive_poses, in_first_pose
-from vislam_ros.data.trajectory import NANOSECONDS, Trajectory, moving_steps
+from vislam_ros.data.trajectory import NANOSECONDS, Trajectory, moving_steps, nanoseconds
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
@@ -112,7 +111,7 @@ class SimulatedDrive:
     Attributes
     ----------
     drive : Drive
-        What :func:`vislam_ros.data.datasets.dataset.load_dataset` reads from the written file.
+        What :func:`vislam_ros.data.datasets.npz.read` reads from the written file.
     seconds : ndarray, (T,)
         Time stamps as a dataset holds them, UNIX seconds.
     T_world_body : ndarray, (T, 4, 4)
@@ -132,21 +131,27 @@ class SimulatedDrive:
     landmarks: SimulatedLandmarks
 
 
-def simulate(settings: SimulationSettings, along: Trajectory | None = None) -> SimulatedDrive:
+def simulate(
+    settings: SimulationSettings | None = None, along: Trajectory | None = None, **values: Any
+) -> SimulatedDrive:
     """Simulate a drive; equal settings give equal drives, to the last bit.
 
     Parameters
     ----------
-    settings : SimulationSettings
+    settings : SimulationSettings, optional
     along : Trajectory, optional
         A recorded motion of a body like KITTI's, whose first poses and stamps are taken in place
         of the simulated car's.
+    **values
+        Settings by name that are put over these, such as ``steps=300``.
 
     Raises
     ------
     VislamError
-        Where that has fewer poses than there are to be steps.
+        Where a setting is out of its range, or ``along`` has fewer poses than there are to be
+        steps.
     """
+    settings = changed(settings or SimulationSettings(), **values)
     motion_rng, twist_rng, schedule_rng, track_rng, offset_rng = map(
         np.random.default_rng, np.random.SeedSequence(settings.seed).spawn(5)
     )

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from vislam_ros.core.filters.registry import slam_settings
-from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
+from vislam_ros.core.filters.registry import slam_settings, unused_note, unused_settings
+from vislam_ros.core.settings import PredictionSettings, SlamSettings, changed
 from vislam_ros.data.simulation.simulate import SimulationSettings
 from vislam_ros.errors import SettingsError
 
@@ -100,24 +100,42 @@ class SweepPlan:
             for values in itertools.product(*self.axes.values())
         ]
 
+    def unused_notes(self) -> list[str]:
+        """Return a line for each estimator that does not use all that it is given."""
+        unused: dict[str, dict[str, Any]] = {}
+        for point in self.points():
+            values = self._slam_values(point)
+            estimator = values.get("estimator", SlamSettings.estimator)
+            unused.setdefault(estimator, {}).update(unused_settings(values))
+        notes = (unused_note({**values, "estimator": name}) for name, values in unused.items())
+        return [note for note in notes if note]
+
+    def _slam_values(self, point: Point) -> dict[str, Any]:
+        """Settings of estimators at a point, used or not."""
+        return {**self.slam, **self._given(self._fixed | point)[SLAM]}
+
+    @property
+    def _fixed(self) -> Point:
+        """The settings with one value."""
+        return {name: values[0] for name, values in self.grid.items() if len(values) == 1}
+
     @functools.cached_property
     def runs(self) -> list[SweepRun]:
         """All runs, point by point; those with equal settings only once."""
-        fixed = {name: values[0] for name, values in self.grid.items() if len(values) == 1}
         runs: dict[str, SweepRun] = {}
         for point in self.points():
             for seed in self.seeds:
-                slam, prediction, simulation = self._settings(fixed | point, seed)
-                key = _hash(slam, prediction, simulation)
+                slam, prediction, simulation = self._settings(self._fixed | point, seed)
+                unused = unused_settings(self._slam_values(point))
+                key = _hash(unused, slam, prediction, simulation)
                 shown = simulation.seed if simulation else slam.seed
                 run = SweepRun(key, point, shown, slam, prediction, simulation)
                 runs.setdefault(key, run)
         return list(runs.values())
 
-    def _settings(
-        self, point: Point, seed: int
-    ) -> tuple[SlamSettings, PredictionSettings, SimulationSettings | None]:
-        """Put a point and a seed over what is not swept."""
+    @staticmethod
+    def _given(point: Point) -> dict[str, dict[str, Any]]:
+        """Values of a point by owner and setting."""
         given: dict[str, dict[str, Any]] = {SLAM: {}, PREDICTION: {}, SIMULATION: {}}
         for name, value in point.items():
             owner, _, setting = name.partition(".")
@@ -127,6 +145,13 @@ class SweepPlan:
                     f"{SIMULATION}.NAME"
                 )
             given[owner][setting] = value
+        return given
+
+    def _settings(
+        self, point: Point, seed: int
+    ) -> tuple[SlamSettings, PredictionSettings, SimulationSettings | None]:
+        """Put a point and a seed over what is not swept."""
+        given = self._given(point)
         if self.simulation is None and given[SIMULATION]:
             raise SettingsError(
                 f"{next(iter(point))}: the drive is recorded, not simulated: leave DATA out and "
@@ -143,13 +168,7 @@ class SweepPlan:
 
 def _replaced(owner: str, settings: Any, values: Mapping[str, Any]) -> Any:
     """Put values over settings, checked."""
-    return _checked(
-        owner,
-        values,
-        lambda values: settings_from_dict(
-            type(settings), {**dataclasses.asdict(settings), **values}
-        ),
-    )
+    return _checked(owner, values, lambda values: changed(settings, **values))
 
 
 def _checked(owner: str, values: Mapping[str, Any], make: Callable[[Mapping[str, Any]], S]) -> S:
@@ -162,6 +181,8 @@ def _checked(owner: str, values: Mapping[str, Any], make: Callable[[Mapping[str,
         raise SettingsError(f"{owner}.{error}") from error
 
 
-def _hash(*settings: Any) -> str:
+def _hash(unused: Mapping[str, Any], *settings: Any) -> str:
     content = [None if part is None else dataclasses.asdict(part) for part in settings]
+    if unused:
+        content.append(dict(unused))
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]

@@ -11,17 +11,25 @@ import numpy as np
 import threadpoolctl
 
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.core.step import StepTotals
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import simulate
-from vislam_ros.data.solving import Solution, covariances_of, smoothed_trajectory, solve
+from vislam_ros.data.solving import Solution, solve
 from vislam_ros.data.sweeps.plan import SweepRun
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 
 #: Column -> value, as a line of JSON holds it.
 Row = dict[str, Any]
+
+_OF_SUMMARY = (
+    "steps",
+    "frozen_steps",
+    "landmarks",
+    "rejected_fraction",
+    "nis_per_dof",
+    "step_ms_p50",
+)
 
 
 @dataclass(frozen=True)
@@ -79,16 +87,14 @@ def _figures(inputs: SweepInputs, run: SweepRun) -> dict[str, float | None]:
     )
     figures = _step_figures(solution)
     if reference is not None:
-        errors = compare(reference, solution.trajectory, covariances_of(solution.steps))
+        errors = compare(reference, solution.trajectory, solution.trajectory.covariances)
         figures["ate_m"] = errors["ate_m"]["rmse"]
         figures["rpe_frame_m"] = errors["rpe_frame_m"]["rmse"]
         figures["nees_per_dof"] = errors["nees_per_dof"]
         errors = compare(reference, solution.dead_reckoning)
         figures["dead_reckoning_ate_m"] = errors["ate_m"]["rmse"]
         if solution.smoothed is not None:
-            smoothed = solution.smoothed
-            poses = smoothed_trajectory(smoothed)
-            errors = compare(reference, poses, smoothed.covariances)
+            errors = compare(reference, solution.smoothed, solution.smoothed.covariances)
             figures["smoothed_ate_m"] = errors["ate_m"]["rmse"]
             figures["smoothed_nees_per_dof"] = errors["nees_per_dof"]
     return figures
@@ -96,18 +102,7 @@ def _figures(inputs: SweepInputs, run: SweepRun) -> dict[str, float | None]:
 
 def _step_figures(solution: Solution) -> dict[str, float | None]:
     """Figures that need no truth."""
-    steps = solution.steps
     finite = np.isfinite(solution.trajectory.positions).all(axis=1)
     if not finite.all():
         raise VislamError(f"the estimate is not finite from step {int(np.argmin(finite))} on")
-    totals = StepTotals()
-    for step in steps:
-        totals.add(step.row())
-    return {
-        "steps": totals.steps,
-        "frozen_steps": totals.frozen_steps,
-        "landmarks": len(solution.landmarks),
-        "rejected_fraction": totals.rejected_fraction,
-        "nis_per_dof": totals.nis_per_dof,
-        "step_ms_p50": totals.ms_percentile(50),
-    }
+    return {name: solution.summary[name] for name in _OF_SUMMARY}

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from vislam_ros.core.geometry import se3
+from vislam_ros.data.datasets import npz
 from vislam_ros.data.datasets.conventions import Conventions
-from vislam_ros.data.datasets.dataset import load_dataset, nanoseconds
+from vislam_ros.data.trajectory import nanoseconds
 from vislam_ros.errors import VislamError
 
 T, M = 5, 4
@@ -57,7 +58,7 @@ def save(path, content):
 
 
 def load(path):
-    return load_dataset(path, conventions=Conventions("as-given", "end", "body"))
+    return npz.read(path, conventions=Conventions("as-given", "end", "body"))
 
 
 def assert_same_drive(a, b, *, apart_from=()):
@@ -363,12 +364,12 @@ def test_the_largest_drive_takes_a_fraction_of_the_memory_of_its_dense_array(sha
     # ru_maxrss would count the parent before exec, too.
     program = (
         "import sys; from pathlib import Path\n"
-        "from vislam_ros.data.datasets.dataset import load_dataset\n"
+        "from vislam_ros.data.datasets import npz\n"
         "def kilobytes(name):\n"
         "    lines = Path('/proc/self/status').read_text().splitlines()\n"
         "    return next(line.split()[1] for line in lines if line.startswith(name))\n"
         "before = kilobytes('VmRSS')\n"
-        "drive = load_dataset(Path(sys.argv[1]))\n"
+        "drive = npz.read(Path(sys.argv[1]))\n"
         "print(drive.steps, drive.tracks, len(drive.ids), before, kilobytes('VmHWM'))\n"
     )
     result = subprocess.run(

@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Datasets: dense arrays in an ``.npz`` file, or in a dict in an ``.npy`` file, to a Drive.
+"""The report's format: dense arrays in an ``.npz`` file, or in a dict in an ``.npy`` file.
 
 The format (M tracks, T steps), in every spelling in use; velocities may be transposed::
 
@@ -27,10 +27,9 @@ from vislam_ros.data.datasets.sparse_features import (
     LARGEST_PIXEL,
     Progress,
     gather_observations,
-    image_size_that_holds,
 )
-from vislam_ros.data.drive import Drive
-from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
+from vislam_ros.data.drive import Drive, image_size_that_holds
+from vislam_ros.data.trajectory import Trajectory, nanoseconds
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
@@ -55,7 +54,12 @@ _RECTIFIED_TOLERANCE = 0.05
 _LATEST_SECOND = 9.2e9  # of 64-bit nanoseconds
 
 
-def load_dataset(
+def matches(path: Path) -> bool:
+    """Whether a path looks like such a file, by its name."""
+    return path.is_file() and path.suffix in (".npz", ".npy")
+
+
+def read(
     path: Path,
     *,
     conventions: Conventions = AS_FOUND,
@@ -115,13 +119,6 @@ def load_dataset(
         notes=tuple(notes),
     )
     return settle_conventions(drive, conventions)
-
-
-def nanoseconds(seconds: Array) -> NDArray[np.int64]:
-    """Nearest nanosecond to each time (T,) in seconds: of the float's own value, unrounded."""
-    whole = np.floor(seconds)
-    fraction = np.rint((seconds - whole) * NANOSECONDS)
-    return whole.astype(np.int64) * NANOSECONDS + fraction.astype(np.int64)
 
 
 def _find_key(path: Path, arrays: Arrays, what: str) -> str:

@@ -1,0 +1,88 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The commands that make data: simulate, convert."""
+
+from pathlib import Path
+
+from vislam_ros.cli.grammar.argument_types import number_from, whole_from
+from vislam_ros.cli.grammar.shared import Commands, add_command, add_force, add_reading
+
+
+def add_simulate(commands: Commands) -> None:
+    """Add the command that writes a simulated drive."""
+    parser = add_command(
+        commands,
+        "simulate",
+        "write a simulated drive with exact ground truth beside it",
+        """\
+  vislam simulate drive.npz
+  vislam simulate hard.npz --steps 500 --outliers 0.05 --frozen 0.1 --gyro-bias -0.01 -0.01 -0.01
+  vislam simulate again.npz --along reference.tum --landmarks 4000
+""",
+    )
+    parser.add_argument("output", metavar="OUT.npz", type=Path, help="OUT.tum is written, too")
+    parser.add_argument(
+        "--along",
+        type=Path,
+        metavar="REF.tum",
+        help="drive along these poses of a body (x forward), at their times, to their end",
+    )
+    # What is not given is left to the simulation's own defaults, which the texts repeat.
+    for flag, name, kind, metavar, text in (
+        ("--steps", "steps", whole_from(2), "N", "feature frames, ten a second (600)"),
+        ("--landmarks", "landmarks", whole_from(1), "N", "tracks in the whole drive (3000)"),
+        ("--pixel-noise", "pixel_noise_std", number_from(0), "PX", "white noise (1)"),
+        (
+            "--disparity-offset",
+            "disparity_offset_std",
+            number_from(0),
+            "PX",
+            "error of a disparity that stays for the life of its track (0)",
+        ),
+        ("--velocity-noise", "velocity_noise_std", number_from(0), "M/S", "of a sample (0.1)"),
+        (
+            "--angular-velocity-noise",
+            "angular_velocity_noise_std",
+            number_from(0),
+            "RAD/S",
+            "of a sample (0.01)",
+        ),
+        ("--outliers", "outlier_share", number_from(0, 1), "SHARE", "of sliding tracks (0.03)"),
+        (
+            "--frozen",
+            "frozen_share",
+            number_from(0, 0.5),
+            "SHARE",
+            "of steps at which old tracks repeat their pixels (0)",
+        ),
+        ("--seed", "seed", whole_from(0), "N", "of everything random (0)"),
+    ):
+        parser.add_argument(flag, dest=name, type=kind, metavar=metavar, help=text)
+    parser.add_argument(
+        "--gyro-bias",
+        type=number_from(),
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="constant error of the angular velocity, rad/s (0.002 0.002 0.002)",
+    )
+    add_force(parser)
+
+
+def add_convert(commands: Commands) -> None:
+    """Add the command that writes a bag."""
+    parser = add_command(
+        commands,
+        "convert",
+        "write a dataset as an MCAP bag",
+        """\
+  vislam convert drive.npz drive_bag
+  vislam convert 03.npz 03_bag --imu-frame flu --reference 03.tum --force
+""",
+    )
+    parser.add_argument("data", metavar="DATA", type=Path, help=".npz or .npy dataset")
+    parser.add_argument("output", metavar="OUT", type=Path, help="bag directory to make")
+    add_reading(parser)
+    parser.add_argument(
+        "--reference", type=Path, metavar="REF.tum", help="becomes ground_truth/odometry"
+    )
+    add_force(parser)

@@ -1,0 +1,92 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What several commands share: how each begins and ends, and flags that mean the same in all."""
+
+import argparse
+from typing import TypeAlias
+
+from vislam_ros.cli.grammar.argument_types import number_from
+from vislam_ros.nodes.player.options import PlayOptions
+
+PLAY = PlayOptions()
+# As in vislam_ros.data.datasets.conventions, which takes longer to import than --help should.
+IMU_FRAMES = ("auto", "flu", "frd", "as-given")
+TWIST_INDICES = ("auto", "end", "start")
+TWIST_ORIGINS = ("auto", "body", "imu")
+
+RETURNS = """\
+exit code: 0 on success, 1 on an error (one line on stderr; -v shows where it came from), 2 on
+wrong usage, 130 after Ctrl-C"""
+
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+
+
+def add_command(
+    commands: Commands, name: str, description: str, examples: str
+) -> argparse.ArgumentParser:
+    """Add a command; its description is its help, too."""
+    parser = commands.add_parser(
+        name,
+        help=description,
+        description=f"{description[0].upper()}{description[1:]}.",
+        epilog=f"examples:\n{examples}\n{RETURNS}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("-v", "--verbose", action="store_true", help="show where an error is from")
+    return parser
+
+
+def add_smooth(parser: argparse.ArgumentParser) -> None:
+    """Add whether to go back over the drive."""
+    parser.add_argument(
+        "--smooth",
+        action="store_true",
+        help="go back over the drive, for smoothed poses and the exact map "
+        "(robocentric, joint, and those of your own that can)",
+    )
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add how a dataset is read."""
+    parser.add_argument(
+        "--format",
+        metavar="MODULE",
+        help="of your own, a file of matches(path) and read(path) in the current folder or on the "
+        "path of Python (docs/python.md)",
+    )
+    parser.add_argument(
+        "--imu-frame",
+        choices=IMU_FRAMES,
+        default="auto",
+        help="axes of the dataset's twists, which its extrinsics are turned to; auto finds what "
+        "fits the images",
+    )
+    parser.add_argument(
+        "--twist-index",
+        choices=TWIST_INDICES,
+        default="auto",
+        help="whether a step has the twist of its start or its end; auto finds what fits",
+    )
+    parser.add_argument(
+        "--twist-origin",
+        choices=TWIST_ORIGINS,
+        default="auto",
+        help="whether the twists are the body's or those of an IMU that the extrinsics misplace; "
+        "auto looks at turns",
+    )
+
+
+def add_rate(parser: argparse.ArgumentParser) -> None:
+    """Add how fast to play."""
+    parser.add_argument(
+        "--rate",
+        type=number_from(0),
+        default=PLAY.rate,
+        metavar="R",
+        help=f"times real time; 0: as fast as the graph takes it, losing nothing ({PLAY.rate:g})",
+    )
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add whether to replace an output."""
+    parser.add_argument("--force", action="store_true", help="replace an output that exists")
