@@ -23,26 +23,21 @@ from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 NO_KEY = -1
 
 
+@compiled("int64[::1](int64[:], int64[:])")
 def indices_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
     """Places (n,) in a table (m,) of different keys, in any order, of keys (n,); -1 for none."""
     order = np.argsort(table)
-    return _found(keys, table[order], order)
-
-
-@compiled("int64[::1](int64[:], int64[:], int64[:])")
-def _found(keys: Keys, ordered: Keys, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Each key's place, or -1 where it is not among the ordered keys of the places."""
     result = np.empty(len(keys), dtype=np.int64)
     for i in range(len(keys)):
-        low, high = 0, len(ordered)
+        low, high = 0, len(order)
         while low < high:
             middle = (low + high) // 2
-            if ordered[middle] < keys[i]:
+            if table[order[middle]] < keys[i]:
                 low = middle + 1
             else:
                 high = middle
-        there = low < len(ordered) and ordered[low] == keys[i]
-        result[i] = places[low] if there else -1
+        there = low < len(order) and table[order[low]] == keys[i]
+        result[i] = order[low] if there else -1
     return result
 
 
