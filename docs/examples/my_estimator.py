@@ -96,7 +96,8 @@ vi.register_estimator("my_estimator", MySettings, MyEstimator)
 
 if __name__ == "__main__":
     drive = vi.simulate(steps=200, landmarks=1000).drive
+    noise = {"velocity_noise_std": 0.1, "angular_velocity_noise_std": 0.01}  # of its twists
     for name in ("dead_reckoning", "my_estimator", "robocentric"):
-        solution = vi.solve(drive, estimator=name)
+        solution = vi.solve(drive, estimator=name, **noise)
         ate = vi.evaluate(solution.trajectory, drive.ground_truth).ate.rmse
         print(f"{name}: ATE {ate:.2f} m")

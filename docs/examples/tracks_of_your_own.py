@@ -40,7 +40,7 @@ def see(points_world: np.ndarray, T_world_body: np.ndarray) -> tuple[np.ndarray,
 def main() -> None:
     """Drive the circle, hand over what was seen, and see how far the estimate is off."""
     rng = np.random.default_rng(0)
-    points_world = rng.uniform([-20, -20, 0], [120, 120, 10], (3000, 3))
+    points_world = rng.uniform([-20, -20, 0], [120, 120, 10], (500, 3))
     T_world_body = np.eye(4)
     stamps, ids, pixels, truth = [], [], [], []
     for k in range(100):

@@ -12,6 +12,7 @@ import pytest
 from places import REPOSITORY
 from source_links import pages
 
+import vislam_ros
 from vislam_ros.cli.parser import build_parser
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
@@ -105,6 +106,17 @@ def test_every_make_target_is_one_of_the_makefile(page: Path) -> None:
     for words in [*shell_lines(page), *inline_commands(page)]:
         if len(words) > 1 and words[0] == "make":
             assert words[1] in targets, " ".join(words)
+
+
+def test_the_readme_uses_from_python_what_there_is() -> None:
+    (example,) = (
+        block
+        for language, block in FENCE.findall((REPOSITORY / "README.md").read_text())
+        if language == "python"
+    )
+    used = set(re.findall(r"\bvi\.(\w+)", example))
+    assert used
+    assert used <= set(vislam_ros.__all__)
 
 
 def test_the_readme_is_short() -> None:

@@ -14,6 +14,7 @@ from places import REPOSITORY
 
 from vislam_ros.cli.parser import build_parser
 from vislam_ros.core.filters.registry import estimator_names
+from vislam_ros.core.tracking.refusals import Refusal
 from vislam_ros.data.bags import layout
 from vislam_ros.data.files.parameter_file import read_parameters
 
@@ -58,6 +59,15 @@ def test_every_declared_topic_is_documented_with_its_type() -> None:
         if isinstance(topic, layout.Topic)
     }
     assert declared.items() <= documented.items()
+
+
+def test_every_reason_to_refuse_a_message_is_documented_as_it_is_declared() -> None:
+    declared = [[f"`{refusal.word}`", refusal.text] for refusal in Refusal]
+    assert table(DOCS / "topics.md", "reason") == declared
+
+
+def test_the_last_four_reasons_are_the_faults_of_a_run_as_the_page_says() -> None:
+    assert [refusal.is_of_data for refusal in Refusal] == (len(Refusal) - 4) * [True] + 4 * [False]
 
 
 @pytest.mark.parametrize("page", [README, DOCS / "topics.md"], ids=lambda page: page.name)

@@ -103,8 +103,8 @@ TOGETHER_WITH: dict[str, dict[str, Any]] = {
     "landmark_prior_variance": {"landmark_initialization": "independent"},
     "seed": {"feature_fraction": 0.5},
 }
-# They tell which messages are taken, or which map, and have tests where that is done; a drive shows
-# that its disparities keep their errors after more steps than these.
+# They tell which messages are taken, or which map, and have tests where that is done; and that its
+# disparities keep their errors a drive shows after more steps than these.
 ELSEWHERE = {"estimator", "time_jump", "max_pending", "map_file", "disparity_offset_std"}
 
 

@@ -1,0 +1,86 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What solve gives: trajectories with covariances, a table of steps, the numbers of a summary."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from vislam_ros.core.filters.joint import JointSettings
+from vislam_ros.core.step import KINDS
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.simulation.simulate import simulate
+from vislam_ros.data.solving import Solution, solve
+from vislam_ros.errors import SettingsError
+
+DRIVE = simulate(steps=40, landmarks=200).drive
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(DRIVE, smooth=True)
+
+
+def test_trajectories_have_a_pose_and_a_covariance_for_each_stamp(solution: Solution) -> None:
+    assert solution.smoothed is not None
+    for trajectory in (solution.trajectory, solution.dead_reckoning, solution.smoothed):
+        assert trajectory.stamps.tolist() == DRIVE.feature_stamps.tolist()
+        assert trajectory.covariances is not None
+        assert trajectory.covariances.shape == (DRIVE.steps, 6, 6)
+    # The end knows as much as the filter did there; what lies before, more.
+    filtered, smoothed = solution.trajectory.covariances, solution.smoothed.covariances
+    assert filtered is not None
+    assert smoothed is not None
+    np.testing.assert_allclose(smoothed[-1], filtered[-1])
+    assert np.trace(smoothed[20]) < np.trace(filtered[20])
+
+
+def test_the_steps_are_a_table_of_numbers(solution: Solution) -> None:
+    assert {len(column) for column in solution.steps.values()} == {DRIVE.steps}
+    for name, column in solution.steps.items():
+        assert column.dtype == np.dtype(KINDS.get(name, float)), name
+    assert solution.steps["stamp"].tolist() == DRIVE.feature_stamps.tolist()
+    assert solution.steps["observed"].tolist() == np.diff(DRIVE.offsets).tolist()
+
+
+def test_pandas_takes_the_steps_as_they_are(solution: Solution) -> None:
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame(solution.steps)
+    assert table.shape == (DRIVE.steps, len(solution.steps))
+    assert object not in set(table.dtypes)
+    assert table["used"].sum() == solution.steps["used"].sum()
+
+
+def test_the_summary_tells_of_the_steps(solution: Solution) -> None:
+    summary = solution.summary
+    assert (summary["drive"], summary["estimator"]) == ("simulated", "robocentric")
+    assert (summary["steps"], summary["complete"]) == (DRIVE.steps, True)
+    assert summary["landmarks"] == len(solution.landmarks)
+    assert summary["observations"] == solution.steps["observed"].sum()
+
+
+def test_settings_by_name_are_put_over_those_given() -> None:
+    by_name = solve(DRIVE, estimator="joint", min_disparity=2)
+    by_class = solve(DRIVE, JointSettings(min_disparity=2.0))
+    over = solve(DRIVE, JointSettings(min_disparity=9.0), min_disparity=2.0)
+    assert by_name.summary["estimator"] == "joint"
+    for other in (by_class, over):
+        np.testing.assert_array_equal(by_name.trajectory.positions, other.trajectory.positions)
+    with pytest.raises(SettingsError, match="min_disparty: no such parameter; did you mean"):
+        solve(DRIVE, min_disparty=2.0)
+
+
+def test_a_setting_that_the_estimator_does_not_use_is_warned_of() -> None:
+    with pytest.warns(UserWarning, match="^min_disparity: set, but not used by estimator robo"):
+        solve(DRIVE, min_disparity=2.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solve(DRIVE, min_disparity=1.0)
+
+
+def test_a_drive_without_frames_has_a_table_without_rows() -> None:
+    none = Drive.from_tracks([0.0], [[]], [[]], np.zeros((1, 6)), DRIVE.camera, twist_stamps=[5.0])
+    solution = solve(none)
+    assert set(solution.steps) == set(KINDS)
+    assert len(solution.trajectory) == len(solution.steps["stamp"]) == 0
