@@ -3,7 +3,7 @@
 from vislam_ros.nodes.stamp_pairs import StampPairs
 
 
-def test_pairs_come_out_whichever_stream_is_first():
+def test_pairs_come_out_whichever_stream_is_first() -> None:
     pairs = StampPairs()
     assert pairs.add(0, 1, "a") is None
     assert pairs.add(1, 1, "b") == ("a", "b")
@@ -12,7 +12,7 @@ def test_pairs_come_out_whichever_stream_is_first():
     assert pairs.unpaired == 0
 
 
-def test_values_whose_partner_was_lost_are_given_up():
+def test_values_whose_partner_was_lost_are_given_up() -> None:
     pairs = StampPairs()
     pairs.add(0, 1, "lost")
     pairs.add(0, 2, "lost too")
@@ -23,7 +23,7 @@ def test_values_whose_partner_was_lost_are_given_up():
     assert pairs.unpaired == 2
 
 
-def test_time_may_start_again():
+def test_time_may_start_again() -> None:
     pairs = StampPairs()
     pairs.add(0, 9, "a")
     assert pairs.add(1, 9, "A") == ("a", "A")
@@ -31,7 +31,7 @@ def test_time_may_start_again():
     assert pairs.add(1, 1, "B") == ("b", "B")
 
 
-def test_waiting_values_are_bounded():
+def test_waiting_values_are_bounded() -> None:
     pairs = StampPairs()
     for stamp in range(5000):
         pairs.add(0, stamp, None)
