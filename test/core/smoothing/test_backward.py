@@ -184,8 +184,8 @@ class KeepingFilter:
             self.P[:s, :s] += operation.noise
         elif isinstance(operation, Correction):
             n, r = operation.residual.shape
-            H = np.zeros((n, r, total))
-            R = np.zeros((n, r, n, r))
+            H: Array = np.zeros((n, r, total))
+            R: Array = np.zeros((n, r, n, r))
             for i in range(n):
                 if operation.H_small is not None:
                     H[i, :, :s] = operation.H_small[i]
