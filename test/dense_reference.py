@@ -46,7 +46,8 @@ class DenseJointFilter:
         self.P[:6, :6] += increment.covariance
         self.ended.update(frame.ended.tolist())
         disparity = frame.pixels[:, 0] - frame.pixels[:, 2]
-        known, new = [], []
+        known: list[int] = []
+        new: list[int] = []
         for i, key in enumerate(frame.keys.tolist()):
             if disparity[i] >= self.settings.min_disparity:
                 (known if key in self.place_of_key else new).append(i)
@@ -65,7 +66,7 @@ class DenseJointFilter:
         predicted = self.observation.predict(self.T_world_body, means)
         residual = self.observation.rows(pixels) - predicted.z
         n, r = residual.shape
-        H = np.zeros((n, r, len(self.P)))
+        H: Array = np.zeros((n, r, len(self.P)))
         H[:, :, :6] = predicted.H_pose
         for i, key in enumerate(keys):
             place = self.place_of_key[key]

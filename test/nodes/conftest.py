@@ -52,7 +52,7 @@ def make_node(context: Context) -> Iterator[Callable[..., Any]]:
     """Make a node of a class with some parameters; it goes with the test."""
     nodes: list[Node] = []
 
-    def make(cls: type[Node], **parameters: Any) -> Node:
+    def make(cls: Callable[..., Node], **parameters: Any) -> Node:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         node = cls(context=context, parameter_overrides=overrides)
         nodes.append(node)

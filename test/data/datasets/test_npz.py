@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import zipfile
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ T_CAMERA_BODY = se3.inverse(T_BODY_CAMERA)
 T_LEFT_RIGHT = se3.pose_matrix([0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
 
 
-def dataset() -> dict:
+def dataset() -> dict[str, Any]:
     """A tiny valid dataset in the current spelling."""
     rng = np.random.default_rng(7)
     features = np.full((4, M, T), -1.0)
@@ -43,7 +44,7 @@ def dataset() -> dict:
     }
 
 
-def changed(**changes) -> dict:
+def changed(**changes: Any) -> dict[str, Any]:
     """The tiny dataset with members replaced or, where None, left out."""
     content = {**dataset(), **changes}
     return {key: value for key, value in content.items() if value is not None}
