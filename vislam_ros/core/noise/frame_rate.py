@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How many frames a span of time holds.
 
-What a drive's noise was half a minute ago may matter, at any frame rate: memories are told in
+What a drive's noise was half a minute ago may matter, at any frame rate: memories are given in
 seconds, and running means and medians want frames. A camera's rate is a whole number of hertz
 while its stamps jitter and frames get lost, so it is the median's that counts, rounded.
 """
