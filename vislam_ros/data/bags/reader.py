@@ -181,7 +181,7 @@ class _Reading:
                 gathered.camera = self._calibration.camera
             gathered.frames.append(frame)
         elif topic is GROUND_TRUTH:
-            pose = decoding.pose(message)
+            pose = decoding.true_pose(message)
             self._truth_pass += self._truth_order.place(pose[0])
             self._passes[self._truth_pass].poses.append(pose)
         elif self._calibration.add(topic, message):
