@@ -157,6 +157,10 @@ NO_STEP = {
         from_on([TWIST], 0, lambda m: setattr(m.header, "stamp", type(m.header.stamp)(0, 0))),
         {"twist_duplicate": FRAMES - 1, "features_no_prediction": FRAMES},
     ),
+    "the first twist is from the future": (
+        edit(TWIST, 0, move(100.0)),
+        {"features_no_prediction": FRAMES},
+    ),
     "all frames lie before their motion": (
         from_on([FEATURES], 0, move(-10.0)),
         {"features_no_prediction": FRAMES},
