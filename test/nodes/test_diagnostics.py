@@ -100,6 +100,18 @@ def test_what_came_is_told_as_soon_as_it_pauses(node, capture, spin_until, monke
     assert last_report(published)[1]["received words"] == "3"
 
 
+def test_reports_give_rise_to_no_reports(node, capture, monkeypatch):
+    monkeypatch.setattr(diagnostics, "PERIOD", 3600.0)
+    published = capture(node)
+    node.monitor.subscribe(DIAGNOSTICS, lambda _: None)
+    node.monitor.report()
+    for _ in range(5):
+        node.monitor.take(DIAGNOSTICS, serialize_message(published[DIAGNOSTICS.name][-1]))
+        node.monitor._check()
+        node.monitor._check()
+    assert len(published[DIAGNOSTICS.name]) == 1
+
+
 def test_a_service_that_fails_answers_so(node, spin_until):
     def fail():
         raise VislamError("not now")

@@ -110,8 +110,8 @@ class Monitor:
         except RefusedMessage as error:
             stamp = decoding.stamp_if_known(message)
             self.refuse(error.refusal, str(error), topic.stream, stamp)
-        except Exception:
-            self._fail(topic.name)
+        except Exception as error:
+            self._fail(topic.name, error)
 
     def guard(self, name: str, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback so that its errors are counted and logged, and go no further."""
@@ -119,15 +119,16 @@ class Monitor:
         def guarded(*arguments: Any) -> None:
             try:
                 callback(*arguments)
-            except Exception:
-                self._fail(name)
+            except Exception as error:
+                self._fail(name, error)
 
         return guarded
 
-    def _fail(self, name: str) -> None:
-        """Count and log the exception at hand, unless it comes from the end of everything."""
+    def _fail(self, name: str, error: Exception) -> None:
+        """Count and log an exception at hand, unless it comes from the end of everything."""
         if self._node.context.ok():
-            self.refuse(Refusal.INTERNAL_ERROR, f"{name}: {traceback.format_exc()}")
+            what = error if isinstance(error, VislamError) else traceback.format_exc()
+            self.refuse(Refusal.INTERNAL_ERROR, f"{name}: {what}")
 
     def serve(self, name: str, handler: Callable[[], str]) -> None:
         """Offer a Trigger service; the handler returns its message or raises a VislamError."""
@@ -184,9 +185,9 @@ class Monitor:
                 )
 
     def _check(self) -> None:
-        received = self._received.total()
         # What came up to a pause is told at once: somebody may be waiting for the last of it.
-        pauses = self._last_received.total() != received == self._seen
+        received = _inputs(self._received)
+        pauses = _inputs(self._last_received) != received == self._seen
         self._seen = received
         elapsed = time.monotonic() - self._last_report
         if elapsed >= PERIOD or pauses or self._count_subscribers() != self._subscribers:
@@ -224,6 +225,11 @@ class Monitor:
         self.publish(self._publisher, conversions.status_array(stamp, [status]))
         self._last_report, self._last_refused = now, total
         self._last_received = self._received.copy()
+
+
+def _inputs(received: Counter[str]) -> int:
+    """Messages that came, without the nodes' reports, which would give rise to others."""
+    return received.total() - received[DIAGNOSTICS.name]
 
 
 def _decoded(topic: Topic, data: bytes) -> Any:

@@ -186,7 +186,8 @@ class RecorderNode(Node):
         patience = recording.map_patience if map_may_come else ANSWER_SECONDS
         if (has_map and self._query.complete) or now - self._waiting_since > patience:
             reason = self._shortfall()
-            recording.set_refused(*self._ledger.refused(at_end=True))
+            ended = self._player[0] == "finished"
+            recording.set_refused(*self._ledger.refused(at_end=ended))
             recording.finish(complete=not reason, reason=reason)
             self.get_logger().info(
                 f"{recording.directory}: {f'incomplete: {reason}' if reason else 'complete'}"

@@ -79,8 +79,9 @@ class SlamNode(Node):
 
     def on_calibration(self, topic: Topic, message: CameraInfo | TransformStamped) -> None:
         """Take a camera info or the extrinsics."""
-        if self._calibration.add(topic, message) and self._calibration.camera is not None:
-            self._publish(self.core.set_camera(self._calibration.camera))
+        camera = self._calibration.add(topic, message)
+        if camera is not None:
+            self._publish(self.core.set_camera(camera))
 
     def on_prediction(self, message: Odometry) -> None:
         """Take a predicted pose."""

@@ -34,6 +34,13 @@ def test_values_whose_partner_was_lost_are_given_up(pairs, unpaired):
     assert unpaired == [(0, 1), (0, 2)]
 
 
+def test_what_waits_before_a_pair_in_its_own_stream_is_given_up(pairs, unpaired):
+    pairs.add(0, 3, "lost")
+    pairs.add(1, 5, "A")
+    assert pairs.add(0, 5, "a") == ("a", "A")
+    assert unpaired == [(0, 3)]
+
+
 def test_time_may_start_again(pairs):
     pairs.add(0, 9, "a")
     assert pairs.add(1, 9, "A") == ("a", "A")

@@ -38,7 +38,8 @@ def test_the_camera_is_there_with_the_last_of_the_three(parts, small_drive, orde
     for k, topic in enumerate(order):
         assert calibration.camera is None
         assert calibration.missing() == [t.name for t in CALIBRATION_TOPICS if t in order[k:]]
-        assert calibration.add(topic, parts[topic]) == (k == 2)
+        camera = calibration.add(topic, parts[topic])
+        assert camera == (small_drive.camera if k == 2 else None)
     assert calibration.camera == small_drive.camera
     assert calibration.image_size == small_drive.image_size
     assert not calibration.missing()

@@ -28,7 +28,7 @@ DECODERS = {
     IMU: lambda message: decoding.angular_velocity(message, DEFAULT_FRAMES),
     FEATURES: lambda message: decoding.features(message, DEFAULT_FRAMES),
     EXTRINSICS: lambda message: decoding.extrinsics(message, DEFAULT_FRAMES),
-    GROUND_TRUTH: decoding.pose,
+    GROUND_TRUTH: decoding.true_pose,
     RIGHT_CAMERA: decoding.projection,
 }
 
@@ -66,6 +66,12 @@ def test_a_pose_is_position_and_quaternion_x_y_z_w(first, small_drive):
     assert stamp == small_drive.ground_truth.stamps[0]
     assert position.tobytes() == small_drive.ground_truth.positions[0].tobytes()
     assert quaternion.tobytes() == small_drive.ground_truth.quaternions[0].tobytes()
+
+
+def test_a_pose_that_cannot_be_is_written_down_all_the_same(first):
+    message = first(GROUND_TRUTH)
+    message.pose.pose.position.x = float("nan")
+    assert np.isnan(decoding.pose(message)[1][0])
 
 
 def test_a_prediction_speaks_of_the_odometry_frame_and_the_body(first):

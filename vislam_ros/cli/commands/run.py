@@ -60,8 +60,6 @@ def run(arguments: argparse.Namespace) -> int:
         _claim(results)
         try:
             _run_graph(bag, results, parameters, arguments.rate, Path(scratch))
-            for directory in pass_directories(results):
-                _draw(directory)
         except (KeyboardInterrupt, VislamError) as caught:
             error = caught
         passes = _end_summaries(results, started, arguments.data.stem)
@@ -72,6 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     if error is not None:
         raise error
     require_complete(passes)
+    for directory, _ in passes:
+        _draw(directory)
     return OK
 
 

@@ -41,8 +41,8 @@ class Calibration:
         known = {*self._projections, *([EXTRINSICS] if self._extrinsics else [])}
         return [topic.name for topic in CALIBRATION_TOPICS if topic not in known]
 
-    def add(self, topic: Topic, message: Any) -> bool:
-        """Take a message of one of the three topics; tell whether the camera is another now.
+    def add(self, topic: Topic, message: Any) -> StereoCamera | None:
+        """Take a message of one of the three topics; return the camera if it is another now.
 
         Raises
         ------
@@ -58,7 +58,7 @@ class Calibration:
                 decoding.check_pair(left, right)
                 self._pair = left, right
         if self._pair is None or self._extrinsics is None:
-            return False
+            return None
         before, self.image_size = self.camera, self._pair[0].image_size
         self.camera = decoding.stereo_camera(*self._pair, *self._extrinsics)
-        return self.camera != before
+        return self.camera if self.camera != before else None

@@ -94,23 +94,35 @@ def features(message: Any, frames: Frames) -> tuple[int, NDArray[np.uint32], NDA
 
 
 def prediction(message: Any, frames: Frames) -> tuple[int, Array, Array]:
-    """Stamp (ns), position (3,) and quaternion (4,) of a predicted pose; see :func:`pose`."""
+    """Stamp (ns), position (3,) and unit quaternion (4,) of a predicted pose; see :func:`pose`."""
     _check_frame("header.frame_id", message.header.frame_id, "odom_frame", frames.odom)
     _check_frame("child_frame_id", message.child_frame_id, "base_frame", frames.base)
-    return pose(message)
+    return true_pose(message)
+
+
+def true_pose(message: Any) -> tuple[int, Array, Array]:
+    """Stamp (ns), position (3,) and unit quaternion (4,) of the ground truth; see :func:`pose`."""
+    stamp, position, quaternion = pose(message)
+    check_pose(position, quaternion)
+    return stamp, position, quaternion
 
 
 def pose(message: Any) -> tuple[int, Array, Array]:
-    """Stamp (ns), position (3,) in metres and quaternion (4,) x, y, z, w of an Odometry."""
+    """Stamp (ns), position (3,) in metres and quaternion (4,) x, y, z, w of any Odometry.
+
+    Whatever numbers it holds: a recorder writes down a wrong estimate, too.
+    """
     position, quaternion = message.pose.pose.position, message.pose.pose.orientation
-    return stamp_of(message.header), *_rigid_motion(position, quaternion)
+    return stamp_of(message.header), *_values_of(position, quaternion)
 
 
 def extrinsics(message: Any, frames: Frames) -> tuple[Array, Array]:
     """Left camera in the body: position (3,) and quaternion (4,) of a TransformStamped."""
     _check_frame("header.frame_id", message.header.frame_id, "base_frame", frames.base)
     _check_frame("child_frame_id", message.child_frame_id, "camera_frame", frames.camera)
-    return _rigid_motion(message.transform.translation, message.transform.rotation)
+    position, quaternion = _values_of(message.transform.translation, message.transform.rotation)
+    check_pose(position, quaternion)
+    return position, quaternion
 
 
 def projection(message: Any) -> Projection:
@@ -170,8 +182,6 @@ def _finite(values: ArrayLike) -> Array:
     return array
 
 
-def _rigid_motion(translation: Any, rotation: Any) -> tuple[Array, Array]:
+def _values_of(translation: Any, rotation: Any) -> tuple[Array, Array]:
     position = np.array([translation.x, translation.y, translation.z])
-    quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
-    check_pose(position, quaternion)
-    return position, quaternion
+    return position, np.array([rotation.x, rotation.y, rotation.z, rotation.w])

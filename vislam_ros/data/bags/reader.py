@@ -181,11 +181,11 @@ class _Reading:
                 gathered.camera = self._calibration.camera
             gathered.frames.append(frame)
         elif topic is GROUND_TRUTH:
-            pose = decoding.pose(message)
+            pose = decoding.true_pose(message)
             self._truth_pass += self._truth_order.place(pose[0])
             self._passes[self._truth_pass].poses.append(pose)
-        elif self._calibration.add(topic, message):
-            self._first_camera = self._first_camera or self._calibration.camera
+        elif camera := self._calibration.add(topic, message):
+            self._first_camera = self._first_camera or camera
 
     def _pass_of(self, stream: Stream, stamp: int) -> GatheredPass:
         return self._passes[self._order.place(stream, stamp)]
