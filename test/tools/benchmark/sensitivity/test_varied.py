@@ -7,7 +7,7 @@ from benchmark.sensitivity.varied import varied
 from numerics import CAMERA
 from numpy.testing import assert_array_equal
 
-from vislam_ros.core.filters import robocentric
+from vislam_ros.core.filters import robocentric_model
 from vislam_ros.core.geometry import warp
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
 
@@ -31,11 +31,11 @@ def test_numbers_are_halved_and_doubled_in_their_own_kind() -> None:
 
 
 def test_a_constant_has_its_other_value_while_the_context_lasts() -> None:
-    constant = named("core.filters.robocentric._FIRST_TWIST_STD")
-    before = robocentric._FIRST_TWIST_STD
+    constant = named("core.filters.robocentric_model.FIRST_TWIST_STD")
+    before = robocentric_model.FIRST_TWIST_STD
     with varied(constant, (1.0,) * 6):
-        assert_array_equal(robocentric._FIRST_TWIST_STD, np.ones(6))
-    assert robocentric._FIRST_TWIST_STD is before
+        assert_array_equal(robocentric_model.FIRST_TWIST_STD, np.ones(6))
+    assert robocentric_model.FIRST_TWIST_STD is before
 
 
 def ahead(y: np.ndarray) -> list[bool]:
