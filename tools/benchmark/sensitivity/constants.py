@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 
 #: A number, or several that are varied together.
 Value: TypeAlias = float | tuple[float, ...]
@@ -28,7 +28,7 @@ class Constant:
     Attributes
     ----------
     module : str
-        Below ``vislam_ros``; ``settings`` for one of SlamSettings.
+        Below ``vislam_ros``; ``settings`` for one of RobocentricSettings.
     name : str
     trials : tuple of Value
         What to try; half and double where there is none.
@@ -56,7 +56,9 @@ class Constant:
     @property
     def value(self) -> Value:
         """Value as it stands."""
-        holder: Any = SlamSettings() if self.is_setting else importlib.import_module(self.path)
+        holder: Any = (
+            RobocentricSettings() if self.is_setting else importlib.import_module(self.path)
+        )
         value = getattr(holder, self.name)
         return tuple(np.asarray(value).tolist()) if np.ndim(value) else value
 
@@ -122,7 +124,8 @@ CONSTANTS: tuple[Constant, ...] = (
     ),
     *_of("core.noise.frame_rate", "_DURATIONS"),
     *_of("core.linalg.gating", ("_AS_FAR_OFF", (0.25, 0.9))),
-    *_of("core.filters.robocentric", "_FIRST_TWIST_STD", "_SHORTEST_STEP"),
+    *_of("core.motion", "FIRST_TWIST_STD"),
+    *_of("core.filters.robocentric", "_SHORTEST_STEP"),
     *_of("core.filters.image_point_map", "_SIGNIFICANT_DISPARITY"),
     *_of("core.geometry.warp", "_MIN_DEPTH_RATIO", "_MAX_RAY_SQUARED"),
     *_of("settings", "rest_after_rejection", "frozen_share", "frozen_motion", "min_observations"),
