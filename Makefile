@@ -8,23 +8,32 @@ ARGS ?=
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help demo report bench test lint colcon clean
+.PHONY: help demo report bench test coverage lint hooks constraints colcon clean
 
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-# A ROS 2 installation is used where there is one; elsewhere its wheels come with pip.
+# A ROS 2 installation is used where there is one, with the packages that it was built against;
+# elsewhere its wheels come with pip, and all versions are those of constraints.txt.
 ROS_SETUP := $(wildcard /opt/ros/jazzy/setup.bash)
+TOOLS := test,lint,colcon,dask,peers
 ifdef ROS_SETUP
 ENTER := source $(ROS_SETUP) &&
 VENV_OPTIONS := --system-site-packages
-EXTRAS := test,lint,colcon,dask,peers
+PACKAGES := -e '.[$(TOOLS)]'
 else
 ENTER :=
 VENV_OPTIONS :=
-EXTRAS := ros,test,lint,colcon,dask,peers
+PACKAGES := -e '.[ros,$(TOOLS)]' -c constraints.txt
 endif
+
+# Of `make constraints`: one interpreter of each Python that is supported.
+PYTHONS ?= python3.10 python3.11 python3.12 python3.13
+
+# Least share of the lines that the tests must reach, per cent.
+CORE_FLOOR := 97
+DATA_FLOOR := 95
 
 DRIVE := results/demo_drive.npz
 TRUTH := results/demo_drive.tum
@@ -37,7 +46,7 @@ DATA ?= $(wildcard $(SHARED_DATA)/10_synthetic.npz)
 REFERENCE ?= $(wildcard $(dir $(DATA))ground_truth/$(basename $(notdir $(DATA))).tum)
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: $(READY) ## simulate a drive, run it live through the nodes, judge it: results/demo
 	@mkdir -p results
@@ -52,34 +61,41 @@ report: $(READY) ## draw the report's figures 2 to 6: results/report; DATA=... R
 	  $(if $(REFERENCE),--reference $(REFERENCE))
 
 bench: $(READY) ## measure speed, peers and consistency, half an hour: results/bench.json
-	@mkdir -p results
 	@$(ENTER) OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench.py $(if $(DATA),--data $(DATA)) \
-	  $(if $(REFERENCE),--reference $(REFERENCE)) --force --out results/bench.json $(ARGS)
+	  $(if $(REFERENCE),--reference $(REFERENCE)) --force $(ARGS)
 
 test: $(READY) ## run all tests on two cores
 	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal $(ARGS)
 
-lint: $(READY) ## check format, style, types and package.xml
-	@$(BIN)/ruff format --check .
-	@$(BIN)/ruff check .
-	@$(ENTER) $(BIN)/mypy
-	@$(BIN)/python -c 'from catkin_pkg.package import parse_package; found = []; \
-	  parse_package(".", warnings=found); assert not found, found'
+coverage: $(READY) ## run all tests, and see that they reach nearly all lines of core and data
+	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal --cov --cov-report= $(ARGS)
+	@$(BIN)/coverage report --skip-covered --include 'vislam_ros/core/*' --fail-under $(CORE_FLOOR)
+	@$(BIN)/coverage report --skip-covered --include 'vislam_ros/data/*' --fail-under $(DATA_FLOOR)
+
+lint: $(READY) ## mend the format, check style and types: .pre-commit-config.yaml
+	@$(ENTER) $(BIN)/pre-commit run --all-files
+
+hooks: $(READY) ## have git do the same before each commit
+	@$(BIN)/pre-commit install
+
+constraints: $(READY) ## choose the newest versions of all packages: constraints.txt; PYTHONS=...
+	@$(BIN)/python tools/constraints.py '.[ros,$(TOOLS)]' $(PYTHONS) >$(VENV)/constraints.txt
+	@mv $(VENV)/constraints.txt constraints.txt
 
 colcon: $(READY) ## build the package with colcon into install/
 	@$(ENTER) $(BIN)/colcon build --paths .
 
 clean: ## remove everything that was made, the virtual environment too
 	rm -rf $(VENV) build install log results *.egg-info
-	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.*
 	find vislam_ros test tools -name __pycache__ -exec rm -rf {} +
 
-$(READY): setup.py
+$(READY): setup.py constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	  { echo 'error: Python 3.10 or later is needed: make PYTHON=/path/to/python3'; exit 1; }
 	@echo 'Setting up $(VENV) (once; about 1.1 GB)'
 	@$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
-	@$(ENTER) $(BIN)/pip install --disable-pip-version-check --use-pep517 -e '.[$(EXTRAS)]' \
+	@$(ENTER) $(BIN)/pip install --disable-pip-version-check --use-pep517 $(PACKAGES) \
 	  >$(VENV)/pip.log 2>&1 || { cat $(VENV)/pip.log; exit 1; }
 	@# Compiles the filter's loops, so that the first node need not.
 	@$(ENTER) $(BIN)/python -c 'import vislam_ros.core.filters.robocentric'

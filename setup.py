@@ -58,6 +58,7 @@ setup(
             "evo",
             "hypothesis",
             "pytest>=7.4",
+            "pytest-cov>=7.0",
             "pytest-timeout",
             "pytest-xdist",
         ],
@@ -66,7 +67,14 @@ setup(
         "dask": ["distributed"],
         # GTSAM 4.2, the last for Python 3.10, does not go with numpy 2.
         "peers": ["gtsam>=4.3; python_version >= '3.11'"],
-        "lint": ["mypy", "ruff", "scipy-stubs", "types-PyYAML"],
+        "lint": [
+            "mypy",
+            "pre-commit",
+            "pre-commit-hooks",
+            "ruff",
+            "scipy-stubs",
+            "types-PyYAML",
+        ],
     },
     entry_points={
         "console_scripts": [

@@ -3,6 +3,7 @@
 """Fixtures for the whole suite."""
 
 import os
+import signal
 from pathlib import Path
 
 import hypothesis
@@ -11,6 +12,10 @@ from places import SHARED_DATA
 
 # Threads of BLAS and of pytest-xdist would fight for the cores. Read when numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# A shell gives what it starts in the background a SIGINT that is ignored, and so to the commands
+# that tests interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples in every run, and no limit of time that a busy machine could break.
 hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)

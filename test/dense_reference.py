@@ -46,7 +46,8 @@ class DenseJointFilter:
         self.P[:6, :6] += increment.covariance
         self.ended.update(frame.ended.tolist())
         disparity = frame.pixels[:, 0] - frame.pixels[:, 2]
-        known, new = [], []
+        known: list[int] = []
+        new: list[int] = []
         for i, key in enumerate(frame.keys.tolist()):
             if disparity[i] >= self.settings.min_disparity:
                 (known if key in self.place_of_key else new).append(i)
@@ -54,7 +55,7 @@ class DenseJointFilter:
         rejected = self.correct(frame.keys[known].tolist(), frame.pixels[known]) if known else []
         self.ended.update(rejected)
         if new:
-            self.admit(frame.keys[new].tolist(), frame.pixels[new])
+            self.initialize(frame.keys[new].tolist(), frame.pixels[new])
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))
             self.augment(np.eye(6), np.zeros((6, 6)), np.zeros(6))
@@ -65,27 +66,27 @@ class DenseJointFilter:
         predicted = self.observation.predict(self.T_world_body, means)
         residual = self.observation.rows(pixels) - predicted.z
         n, r = residual.shape
-        H = np.zeros((n, r, len(self.P)))
+        H: Array = np.zeros((n, r, len(self.P)))
         H[:, :, :6] = predicted.H_pose
         for i, key in enumerate(keys):
             place = self.place_of_key[key]
             H[i, :, place : place + 3] = predicted.H_landmark[i]
         noise = self.observation.noise
         own = np.array([H[i] @ self.P @ H[i].T + noise for i in range(n)])
-        passed = predicted.visible & passes_gates(
+        inliers = predicted.visible & passes_gates(
             residual, own, self.settings.chi2_gate, self.settings.pixel_gate
         )
-        H = H[passed].reshape(-1, len(self.P))
-        S = H @ self.P @ H.T + np.kron(np.eye(passed.sum()), noise)
+        H = H[inliers].reshape(-1, len(self.P))
+        S = H @ self.P @ H.T + np.kron(np.eye(inliers.sum()), noise)
         K = self.P @ H.T @ np.linalg.inv(S)
-        delta = K @ residual[passed].ravel()
+        delta = K @ residual[inliers].ravel()
         self.P = self.P - K @ (H @ self.P)
         self.P = 0.5 * (self.P + self.P.T)
         self.T_world_body = self.T_world_body @ se3.exp(delta[:6])
         self.estimate = self.estimate + delta
-        return [key for key, good in zip(keys, passed, strict=True) if not good]
+        return [key for key, good in zip(keys, inliers, strict=True) if not good]
 
-    def admit(self, keys: list[int], pixels: Array) -> None:
+    def initialize(self, keys: list[int], pixels: Array) -> None:
         positions, J_pose, noise = self.observation.invert(self.T_world_body, pixels)
         for i, key in enumerate(keys):
             self.place_of_key[key] = len(self.P)

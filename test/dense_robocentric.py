@@ -2,17 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robocentric filter in its plainest form, to measure the fast one by.
 
-One dense covariance over the small part, every landmark ever seen and every past pose (a clone
+One dense covariance over the vehicle state, every landmark ever seen and every past pose (a clone
 that is never observed or moved), textbook equations and an explicit inverse: no active set, no
-adjoints, four rows for an observation. Its Jacobians are taken by complex steps from the plain
-functions below, exact to rounding, and share nothing with the filter's own.
+adjoints, four rows for an observation. Its Jacobians are taken by complex steps from plain
+functions (see plain_image_points), exact to rounding, and share nothing with the filter's own.
 """
-
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from plain_image_points import (
+    Complex,
+    complex_step,
+    homogeneous,
+    shift,
+    twist_matrix,
+    warped,
+    world_positions,
+)
 from scipy.linalg import expm
 
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
@@ -21,79 +27,17 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
 from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
-# Real or complex.
-Complex = NDArray[Any]
 
 S = 18
 POSE, TWIST, BIAS, DRIFT, LENS = slice(0, 6), slice(6, 12), slice(12, 15), slice(15, 17), 17
 # u_left, v_left, u_right and v_right of (u_left, u_right, v).
 FOUR_ROWS = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1]])
-
-
-def twist_matrix(xi: Complex) -> Complex:
-    """Matrix (4, 4) of ``[rho; theta]`` in se(3)."""
-    (a, b, c), (x, y, z) = xi[:3], xi[3:]
-    return np.array([[0, -z, y, a], [z, 0, -x, b], [-y, x, 0, c], [0, 0, 0, 0]], dtype=complex)
-
-
-def shift(camera: StereoCamera, y: Complex) -> Complex:
-    """Shift (n, 3) of image points for a unit of radial distortion (see lens)."""
-    left, right = (y[:, :2].T - camera.cx) / camera.fx
-    row = (y[:, 2] - camera.cy) / camera.fy
-    r2_left, r2_right = left**2 + row**2, right**2 + row**2
-    return np.column_stack(
-        [
-            camera.fx * left * r2_left,
-            camera.fx * right * r2_right,
-            camera.fy * row * (r2_left + r2_right) / 2,
-        ]
-    )
-
-
-def homogeneous(camera: StereoCamera, straight: Complex) -> Complex:
-    """Points (n, 4) in the left camera, ``(x / z, y / z, 1, 1 / z)``."""
-    ones = np.ones(len(straight))
-    return np.column_stack(
-        [
-            (straight[:, 0] - camera.cx) / camera.fx,
-            (straight[:, 2] - camera.cy) / camera.fy,
-            ones,
-            (straight[:, 0] - straight[:, 1]) / camera.fx_baseline,
-        ]
-    )
-
-
-def warped(
-    camera: StereoCamera, y: Complex, twist: Complex, tau: float
-) -> tuple[Complex, NDArray[np.bool_]]:
-    """Image points (n, 3) after a motion, and which of them are still well ahead."""
-    moved = (
-        homogeneous(camera, y)
-        @ (camera.T_camera_body @ expm(-tau * twist_matrix(twist)) @ camera.T_body_camera).T
-    )
-    ahead = moved[:, 2].real > 0.05
-    moved[~ahead] = (0.0, 0.0, 1.0, 0.0)
-    x, v, w = moved[:, 0] / moved[:, 2], moved[:, 1] / moved[:, 2], moved[:, 3] / moved[:, 2]
-    u = camera.fx * x + camera.cx
-    return np.column_stack([u, u - camera.fx_baseline * w, camera.fy * v + camera.cy]), ahead
-
-
-def world_positions(camera: StereoCamera, T_world_body: Complex, y: Complex) -> Complex:
-    """World positions (n, 3) of image points."""
-    points = homogeneous(camera, y) @ (T_world_body @ camera.T_body_camera).T
-    return points[:, :3] / points[:, 3:]
-
-
-def complex_step(f: Callable[[Complex], Complex], x: Array) -> Array:
-    """Derivative (..., m) of a function (...) by x (m,), exact to rounding."""
-    h = 1e-30
-    steps = 1j * h * np.eye(len(x))
-    return np.stack([f(x + step).imag / h for step in steps], axis=-1)
 
 
 def agreeing(gate: float, residual: Array, S: Array, kept: list[int]) -> list[bool]:
@@ -118,7 +62,7 @@ def agreeing(gate: float, residual: Array, S: Array, kept: list[int]) -> list[bo
 
 
 class DenseRobocentricFilter:
-    """EKF over ``[small; delta_1; ...; delta_N]`` where each delta is a landmark's or a clone's.
+    """EKF over ``[vehicle; delta_1; ...; delta_N]`` where each delta is a landmark's or a clone's.
 
     Parameters
     ----------
@@ -144,13 +88,16 @@ class DenseRobocentricFilter:
         self.exchange = exchange
         self.clone_poses = clone_poses
         self.told_V: Array = np.diag(settings.pixel_variance)
+        self.frame_rate = FrameRate()
         self.motion_noise = MotionNoise(
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
+            self.frame_rate,
         )
         self.track_noise = TrackNoise(
             np.diag(self.image_point_noise(1.0)).copy(),
             settings.disparity_offset_std,
+            self.frame_rate,
             learns=settings.learn_noise,
         )
         self.disparity_prior = DisparityPrior()
@@ -177,13 +124,13 @@ class DenseRobocentricFilter:
         self.place_of_key: dict[int, int] = {}
         self.positions_of_key: dict[int, int] = {}
         self.clones: list[tuple[Array, int]] = []
-        self.passed = 0
 
     def step(self, increment: Increment, frame: TrackedFrame) -> list[int]:
         """Take a frame; return the keys whose observations failed a gate."""
-        self.end([key for key in frame.ended.tolist() if key in self.place_of_key])
+        self.marginalize([key for key in frame.ended.tolist() if key in self.place_of_key])
         tau = increment.duration
         if tau > 0:
+            self.frame_rate.add(tau)
             twist, variances = self.measure_twist(se3.log(increment.T) / tau, tau)
             self.move(tau)
         keys = frame.keys.tolist()
@@ -198,8 +145,8 @@ class DenseRobocentricFilter:
                 error = se3.log(increment.T) / tau - H @ self.estimate
                 unexplained = error**2 + np.diag(H @ self.P @ H.T)
                 after = np.diag(self.P)[TWIST]
-                self.motion_noise.learn(change, variances, after, unexplained, tau)
-        self.admit([keys[i] for i in new], frame.pixels[new], frame.copied[new].tolist())
+                self.motion_noise.update(change, variances, after, unexplained, tau)
+        self.initialize([keys[i] for i in new], frame.pixels[new], frame.copied[new].tolist())
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))
             self.augment(np.eye(6, S), np.zeros((6, 6)), np.zeros(6))
@@ -216,7 +163,7 @@ class DenseRobocentricFilter:
     def measure_twist(self, measured: Array, tau: float) -> tuple[Array, Array]:
         """Return the twist and its variances before it is measured."""
         settings = self.settings
-        self.motion_noise.hear(measured)
+        self.motion_noise.add(measured)
         self.P[TWIST, TWIST] += tau * np.diag(self.motion_noise.walk_variance)
         self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
         self.P[DRIFT, DRIFT] += settings.velocity_bias_walk_std**2 * tau * np.eye(2)
@@ -247,9 +194,7 @@ class DenseRobocentricFilter:
         rows = self.rows_of(self.warped_places)
         _, ahead = warped(camera, estimate[rows], estimate[TWIST], tau)
         lost = {place for place, good in zip(self.warped_places, ahead, strict=True) if not good}
-        passed = [key for key, place in self.place_of_key.items() if place in lost]
-        self.passed += len(passed)
-        self.end(passed)
+        self.marginalize([key for key, place in self.place_of_key.items() if place in lost])
         self.warped_places = [place for place in self.warped_places if place not in lost]
 
         rows = self.rows_of(self.warped_places)
@@ -329,8 +274,8 @@ class DenseRobocentricFilter:
             each = np.kron(np.eye(len(kept)), some_rows)
             S_inverse = np.linalg.inv(H @ self.P @ H.T + R)
             information = np.diag(each.T @ S_inverse @ each).copy()
-            noise.see(slots[kept], residual[kept], information, each.T @ S_inverse @ innovation)
-        self.end(rejected)
+            noise.update(slots[kept], residual[kept], information, each.T @ S_inverse @ innovation)
+        self.marginalize(rejected)
         if len(H):
             self.update(H, R, innovation)
         return rejected
@@ -349,18 +294,18 @@ class DenseRobocentricFilter:
         self.estimate[rows] += delta[LENS] * shifted
         self.estimate[POSE] = 0.0
 
-    def admit(self, keys: list[int], pixels: Array, copied: list[bool]) -> None:
+    def initialize(self, keys: list[int], pixels: Array, copied: list[bool]) -> None:
         z = self.image_points(pixels)
         points = z + self.estimate[LENS] * shift(self.camera, z).real
         spread = np.sqrt(self.told_V[1, 1] + self.told_V[3, 3])
-        self.track_noise.start((pixels[:, 1] - pixels[:, 3]) / spread)
+        self.track_noise.initialize_level((pixels[:, 1] - pixels[:, 3]) / spread)
         noises = list(self.track_noise.of_new_tracks(points))
         a = np.array([1.0, -1.0, 0.0])
         for y, noise, stale in zip(points, noises, copied, strict=True):
             if stale:
                 noise[1, 1] += (self.settings.stale_disparity * (a @ y)) ** 2
         if self.settings.disparity_prior and keys:
-            self.disparity_prior.hear(points @ a)
+            self.disparity_prior.add(points @ a)
             variances = np.array([a @ noise @ a for noise in noises])
             means, remaining = self.disparity_prior.posterior(points @ a, variances)
             for i, noise in enumerate(noises):
@@ -369,21 +314,21 @@ class DenseRobocentricFilter:
                 points[i] += gain * (means[i] - a @ points[i])
                 noise -= np.outer(gain, gain) * (variances[i] - remaining[i])
         for key, y, noise in zip(keys, points, noises, strict=True):
-            self.track_noise.begin(1)
+            self.track_noise.add(1)
             self.judged.append(key)
             self.place_of_key[key] = len(self.P)
             self.warped_places.append(len(self.P))
             self.augment(np.zeros((3, S)), noise, y)
 
     def augment(self, J: Array, noise: Array, estimate: Array) -> None:
-        """Add variables that are ``J small + noise`` at present."""
+        """Add variables that are ``J vehicle + noise`` at present."""
         cross = J @ self.P[:S]
         self.P = np.block([[self.P, cross.T], [cross, cross[:, :S] @ J.T + noise]])
         self.estimate = np.concatenate([self.estimate, estimate])
 
-    def end(self, keys: list[int]) -> None:
+    def marginalize(self, keys: list[int]) -> None:
         """Observe landmarks no more."""
-        self.track_noise.end(np.isin(np.array(self.judged, dtype=np.int64), keys))
+        self.track_noise.remove(np.isin(np.array(self.judged, dtype=np.int64), keys))
         self.judged = [key for key in self.judged if key not in keys]
         for key in keys:
             place = self.place_of_key[key]
@@ -406,7 +351,7 @@ class DenseRobocentricFilter:
         return bool(straight[0] - straight[1] > 2 * np.sqrt(variance))
 
     def position(self, place: int) -> tuple[Array, Array]:
-        """World position (3,) of an image point, its derivative (3, 19) by small part and it."""
+        """World position (3,) of an image point, its derivative (3, 21) by vehicle and itself."""
         y = self.estimate[place : place + 3]
         D = shift(self.camera, y[None])[0].real
 
@@ -417,7 +362,7 @@ class DenseRobocentricFilter:
         return moved(np.zeros(S + 3)).real, complex_step(moved, np.zeros(S + 3))
 
     def active_rows(self, keys: list[int]) -> NDArray[np.int64]:
-        """Rows (16 + 3 n,) of the small part and these landmarks."""
+        """Rows (18 + 3 n,) of the vehicle state and these landmarks."""
         landmarks = self.rows_of([self.place_of_key[key] for key in keys])
         return np.concatenate([np.arange(S), landmarks.ravel()])
 

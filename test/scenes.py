@@ -6,13 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 from numerics import CAMERA, landmarks_ahead
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.motion import Increment
 from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
+
+
+STANDING = Increment(np.eye(4), 0.0, np.zeros((6, 6)))
+
+
+def frame_of(keys: ArrayLike, pixels: Array) -> TrackedFrame:
+    """Return a frame in which no track has ended and none is frozen."""
+    keys, nothing = np.asarray(keys, dtype=np.int64), np.empty(0, dtype=np.int64)
+    return TrackedFrame(keys, pixels, nothing, np.zeros(len(keys), dtype=bool), frozen=False)
 
 
 @dataclass(frozen=True)
@@ -36,7 +45,7 @@ def passing_scene(seed: int, steps: int = 25, born_each_step: int = 3, life: int
     """Drive a gentle curve; each landmark is seen in ``life`` consecutive frames."""
     rng = np.random.default_rng(seed)
     std = np.array([0.02, 0.02, 0.02, 0.002, 0.002, 0.002])
-    T, increments = [np.eye(4)], [Increment(np.eye(4), 0.0, np.zeros((6, 6)))]
+    T, increments = [np.eye(4)], [STANDING]
     for _ in range(steps - 1):
         step = se3.exp([0.3, 0, 0.01, 0.002, -0.004, 0.02])
         T.append(T[-1] @ step)

@@ -5,6 +5,7 @@
 import dataclasses
 import itertools
 import re
+from typing import Any
 
 import pytest
 from places import REPOSITORY
@@ -17,7 +18,7 @@ from vislam_ros.data.files.parameter_file import read_parameters
 CONFIG = REPOSITORY / "config"
 
 
-def names_of(cls):
+def names_of(cls: type[Any]) -> set[str]:
     return {field.name for field in dataclasses.fields(cls)}
 
 
@@ -28,14 +29,14 @@ def classes_of(node):
 
 
 @pytest.mark.parametrize("file", ["ekf.yaml", "report_table1.yaml"])
-def test_every_parameter_in_a_file_is_declared_and_valid(file):
+def test_every_parameter_in_a_file_is_declared_and_valid(file: str) -> None:
     for node, values in read_parameters(CONFIG / file).items():
         assert values.keys() <= set().union(*map(names_of, classes_of(node)))
         for cls in classes_of(node):
             settings_from_dict(cls, {k: v for k, v in values.items() if k in names_of(cls)})
 
 
-def test_the_recommended_file_names_every_parameter():
+def test_the_recommended_file_names_every_parameter() -> None:
     parameters = read_parameters(CONFIG / "ekf.yaml")
     for node in SETTINGS_OF_NODES:
         assert parameters[node].keys() == set().union(*map(names_of, classes_of(node)))
@@ -54,14 +55,14 @@ def test_the_report_s_table_sets_nothing_that_its_filter_does_not_use():
     assert unused_settings(read_parameters(CONFIG / "report_table1.yaml")["slam_node"]) == {}
 
 
-def test_every_recommended_parameter_has_a_comment_above_it():
+def test_every_recommended_parameter_has_a_comment_above_it() -> None:
     lines = (CONFIG / "ekf.yaml").read_text().splitlines()
     for above, line in itertools.pairwise(lines):
         if re.match(r" {4}\w+:", line):
             assert above.strip().startswith("#") or re.match(r" {4}\w+:", above), line
 
 
-def test_table_1_of_the_report_is_given_exactly():
+def test_table_1_of_the_report_is_given_exactly() -> None:
     slam = read_parameters(CONFIG / "report_table1.yaml")["slam_node"]
     assert slam["landmark_prior_variance"] == 0.5
     assert slam["prior_pose_variance"] == 0.01

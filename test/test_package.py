@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from catkin_pkg.package import parse_package
+from packaging.requirements import Requirement
 from places import REPOSITORY
 
 import vislam_ros
@@ -151,6 +152,30 @@ def test_every_declared_python_dependency_is_imported(setup_arguments: dict[str,
     assert declared <= set(third_party_imports(REPOSITORY / "vislam_ros"))
 
 
+@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13"])
+def test_constraints_pin_every_dependency_to_one_version_that_setup_py_allows(
+    setup_arguments: dict[str, Any], python: str
+) -> None:
+    lists = [setup_arguments["install_requires"], *setup_arguments["extras_require"].values()]
+    declared = [Requirement(text) for requirements in lists for text in requirements]
+    pins = [
+        Requirement(line)
+        for line in (REPOSITORY / "constraints.txt").read_text().splitlines()
+        if not line.startswith("#")
+    ]
+
+    def holds(requirement: Requirement) -> bool:
+        marker = requirement.marker
+        return marker is None or marker.evaluate({"python_version": python})
+
+    for requirement in filter(holds, declared):
+        name = requirement.name.lower()
+        (pin,) = (pin for pin in pins if pin.name == name and holds(pin))
+        (exactly,) = pin.specifier
+        assert exactly.operator == "=="
+        assert requirement.specifier.contains(exactly.version), requirement
+
+
 def test_every_executable_is_a_function_of_the_package(setup_arguments: dict[str, Any]) -> None:
     for line in setup_arguments["entry_points"]["console_scripts"]:
         module, function = line.split(" = ")[1].split(":")
@@ -172,6 +197,13 @@ def test_everything_that_is_installed_beside_the_modules_exists(
     assert "share/ament_index/resource_index/packages/vislam_ros" in installed
     assert "share/vislam_ros/package.xml" in installed
     assert "share/vislam_ros/config/ekf.yaml" in installed
+
+
+def test_every_folder_of_the_package_is_a_package_of_its_own() -> None:
+    folders = {path.parent for path in (REPOSITORY / "vislam_ros").rglob("*.py")}
+    assert len(folders) > 10
+    # setuptools installs no folder without it, and nothing below.
+    assert not [folder for folder in folders if not (folder / "__init__.py").is_file()]
 
 
 def test_every_python_file_names_its_licence() -> None:

@@ -4,6 +4,7 @@
 
 import itertools
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +82,7 @@ def run(
     """Drive a filter step by step; each step's input and outcome."""
     tracks = Tracks(settings.retire_after, settings.frozen_share, settings.rest_after_rejection)
     for k, increment in enumerate(increments(drive, settings)):
-        frame = tracks.observe(*drive.frame(k), motion_expected=lambda moved=k > 0: moved)
+        frame = tracks.observe(*drive.frame(k), motion_expected=partial(bool, k > 0))
         outcome = estimator.step(increment, frame)
         tracks.restart(outcome.rejected, rest=outcome.agrees_with_most)
         yield increment, frame, outcome

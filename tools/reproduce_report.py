@@ -25,6 +25,7 @@ from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
 from vislam_ros.cli.parameters import run_parameters, shared_file
 from vislam_ros.cli.reading import read_input
 from vislam_ros.cli.screen import progress_bar
+from vislam_ros.data.bags.reader import DEFAULT_RULES
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
@@ -71,7 +72,7 @@ def _drive(arguments: argparse.Namespace) -> tuple[Drive, Trajectory | None]:
             )
         ).drive
     else:
-        drive = read_input(arguments)
+        drive, *_ = read_input(arguments, DEFAULT_RULES)
     return drive, read_tum(arguments.reference) if arguments.reference else drive.ground_truth
 
 

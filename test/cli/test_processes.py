@@ -100,6 +100,19 @@ def test_a_child_ends_by_itself_when_it_is_asked_to(start):
     assert child.last_line().startswith("good-bye")
 
 
+def test_a_child_ends_when_it_is_asked_to_also_where_a_shell_runs_its_parent_in_the_background(
+    start,
+):
+    usual = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        child = start(POLITE)
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    wait_until_ready(child)
+    child.end()
+    assert child.exit_code == 0
+
+
 def test_a_child_that_does_not_listen_is_made_to_end(start, monkeypatch):
     monkeypatch.setattr(
         processes,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from vislam_ros.data.bags.integrity import file_sha256, require_intact
-from vislam_ros.data.bags.reader import read_drive
+from vislam_ros.data.bags.reader import read_passes
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.drive import Drive
@@ -89,7 +89,7 @@ def test_a_reference_becomes_the_ground_truth_of_the_drives_time(dataset, tmp_pa
     reference = tmp_path / "reference.tum"
     write_tum(reference, Trajectory(stamps, np.eye(4, 3), quaternions))
     convert(dataset, tmp_path / "bag", reference=reference)
-    truth = read_drive(tmp_path / "bag").ground_truth
+    truth = read_passes(tmp_path / "bag")[0].ground_truth
     assert truth is not None
     assert truth.stamps.tolist() == stamps[1:3].tolist()
     assert truth.positions.tolist() == np.eye(4, 3)[1:3].tolist()
@@ -137,7 +137,7 @@ def test_a_real_drive_and_its_bag_are_the_same(shared_data, tmp_path):
     data, reference = shared_data / "0020.npz", shared_data / "ground_truth" / "0020.tum"
     written = convert(data, tmp_path / "0020", reference=reference)
     require_intact(tmp_path / "0020")
-    read = read_drive(tmp_path / "0020")
+    read = read_passes(tmp_path / "0020")[0]
     assert same(read, written)
     assert same(read.camera, load_drive(data).camera)
     assert read.ground_truth is not None

@@ -25,6 +25,8 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
+from vislam_ros.data.bags.layout import DEFAULT_FRAMES, Topic
 from vislam_ros.nodes import conversions
 
 _counter = itertools.count()
@@ -50,7 +52,7 @@ def make_node(context: Context) -> Iterator[Callable[..., Any]]:
     """Make a node of a class with some parameters; it goes with the test."""
     nodes: list[Node] = []
 
-    def make(cls: type[Node], **parameters: Any) -> Node:
+    def make(cls: Callable[..., Node], **parameters: Any) -> Node:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         node = cls(context=context, parameter_overrides=overrides)
         nodes.append(node)
@@ -92,10 +94,16 @@ class SmallDrive:
     predictions: list[Odometry]
     features: list[PointCloud2]
 
+    @property
+    def calibration(self) -> list[tuple[Topic, Any]]:
+        """The messages of the camera, with their topics."""
+        messages = (self.left, self.right, self.extrinsics)
+        return list(zip(CALIBRATION_TOPICS, messages, strict=True))
+
     def calibrate(self, node: Any) -> None:
         """Give a SLAM node its camera."""
-        for part in ("left", "right", "extrinsics"):
-            node.on_calibration(part, getattr(self, part))
+        for topic, message in self.calibration:
+            node.on_calibration(topic, message)
 
 
 @pytest.fixture
@@ -121,12 +129,12 @@ def drive() -> SmallDrive:
         y += rng.normal(0, 0.5, y.shape)
         pixels = y[:, [0, 2, 1, 2]].astype(np.float32)
         ids = np.arange(len(points), dtype=np.uint32)
-        features.append(conversions.features_to_message(stamp, "camera_left_optical", ids, pixels))
+        features.append(conversions.features_to_message(stamp, DEFAULT_FRAMES.camera, ids, pixels))
     left, right = camera_info(camera, 0.0), camera_info(camera, -camera.fx_baseline)
     extrinsics = conversions.transform(
         stamps[0],
-        "base_link",
-        "camera_left_optical",
+        DEFAULT_FRAMES.base,
+        DEFAULT_FRAMES.camera,
         camera.position_body_camera,
         camera.quaternion_body_camera,
     )
@@ -134,7 +142,7 @@ def drive() -> SmallDrive:
 
 
 def twist_message(stamp: int, twist: Any) -> TwistWithCovarianceStamped:
-    message = TwistWithCovarianceStamped(header=conversions.header(stamp, "base_link"))
+    message = TwistWithCovarianceStamped(header=conversions.header(stamp, DEFAULT_FRAMES.base))
     v, omega = map(float, twist[:3]), map(float, twist[3:])
     message.twist.twist.linear = Vector3(**dict(zip("xyz", v, strict=True)))
     message.twist.twist.angular = Vector3(**dict(zip("xyz", omega, strict=True)))
@@ -144,8 +152,8 @@ def twist_message(stamp: int, twist: Any) -> TwistWithCovarianceStamped:
 def prediction_message(stamp: int, T_odom_body: Any) -> Odometry:
     return conversions.odometry(
         stamp,
-        "odom",
-        "base_link",
+        DEFAULT_FRAMES.odom,
+        DEFAULT_FRAMES.base,
         T_odom_body[:3, 3],
         se3.quaternion_from_rotation(T_odom_body[:3, :3]),
         np.eye(6),
@@ -153,7 +161,7 @@ def prediction_message(stamp: int, T_odom_body: Any) -> Odometry:
 
 
 def camera_info(camera: StereoCamera, offset: float) -> CameraInfo:
-    message = CameraInfo(header=conversions.header(0, "camera_left_optical"))
+    message = CameraInfo(header=conversions.header(0, DEFAULT_FRAMES.camera))
     p = [camera.fx, 0.0, camera.cx, offset, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
     message.p = np.array(p)
     return message

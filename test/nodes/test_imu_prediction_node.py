@@ -4,16 +4,19 @@ import copy
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import PredictionSettings
+from vislam_ros.data.bags import decoding
+from vislam_ros.data.bags.layout import DEFAULT_FRAMES, IMU, PREDICTION, TWIST
 from vislam_ros.nodes import conversions, tf
 from vislam_ros.nodes.imu_prediction_node import ImuPredictionNode
 from vislam_ros.nodes.tf import TransformSender
 
-TOPIC = "/prediction/odometry"
+TOPIC = PREDICTION.recorded
 
 
 def imu_message(stamp, omega):
@@ -35,8 +38,8 @@ def test_each_twist_gives_the_core_s_pose_bit_for_bit(node, capture, drive):
         node.on_twist(message)
     assert len(published[TOPIC]) == len(drive.twists)
     for message, odometry in zip(drive.twists, published[TOPIC], strict=True):
-        expected = core.add_twist(*conversions.twist_from_message(message))
-        stamp, position, quaternion = conversions.pose_from_odometry(odometry)
+        expected = core.add_twist(*decoding.twist(message, DEFAULT_FRAMES))
+        stamp, position, quaternion = decoding.pose(odometry)
         assert stamp == expected.stamp
         assert position.tobytes() == expected.position.tobytes()
         assert quaternion.tobytes() == expected.quaternion.tobytes()
@@ -50,7 +53,7 @@ def test_covariance_is_about_fixed_axes_and_the_twist_s_in_the_child_frame(node,
         node.on_twist(message)
     core = DeadReckoning(PredictionSettings())
     for message in drive.twists:
-        expected = core.add_twist(*conversions.twist_from_message(message))
+        expected = core.add_twist(*decoding.twist(message, DEFAULT_FRAMES))
     odometry = published[TOPIC][-1]
     R = se3.rotation_from_quaternion(expected.quaternion)
     blocks = np.kron(np.eye(2), R)
@@ -69,7 +72,6 @@ def test_covariance_is_about_fixed_axes_and_the_twist_s_in_the_child_frame(node,
 
 def test_refused_twists_are_counted_and_the_next_one_goes_on(node, capture, drive):
     published = capture(node)
-    receive = node.monitor.guard("imu/twist", node.on_twist)
     not_finite = copy.deepcopy(drive.twists[3])
     not_finite.twist.twist.linear.y = float("nan")
     elsewhere = copy.deepcopy(drive.twists[3])
@@ -83,13 +85,13 @@ def test_refused_twists_are_counted_and_the_next_one_goes_on(node, capture, driv
         elsewhere,
         drive.twists[3],
     ):
-        receive(message)
+        node.monitor.take(TWIST, serialize_message(message))
     assert len(published[TOPIC]) == 3
-    assert node.monitor.refused == {
-        "duplicate": 1,
-        "late": 1,
-        "non_finite": 1,
-        "unknown_frame": 1,
+    assert node.monitor.refused.counts == {
+        "twist_duplicate": 1,
+        "twist_late": 1,
+        "twist_non_finite": 1,
+        "twist_unknown_frame": 1,
     }
 
 
@@ -99,7 +101,7 @@ def test_time_that_jumps_back_begins_at_the_identity(node, capture, drive):
         node.on_twist(message)
     first, second = np.split(np.array(published[TOPIC]), 2)
     assert list(first) == list(second)
-    assert node.monitor.refused.total() == 0
+    assert not node.monitor.refused.counts
 
 
 def test_angular_velocity_of_the_imu_replaces_the_twist_s(make_node, capture, drive):
@@ -115,14 +117,19 @@ def test_angular_velocity_of_the_imu_replaces_the_twist_s(make_node, capture, dr
     node.on_twist(third)
     assert [o.twist.twist.angular.z for o in published[TOPIC]] == [0.5, 0.5]
     assert [o.twist.twist.linear.x for o in published[TOPIC]] == [2.0, 2.0]
+    assert not node.monitor.refused.counts
+    node.on_twist(drive.twists[4])
+    node.on_imu(imu_message(drive.stamps[4], omega))
+    assert node.monitor.refused.counts == {"twist_unpaired": 1}
+    assert node.monitor.refused.first_stamps == {"twist_unpaired": drive.stamps[2]}
 
 
 def test_an_imu_message_without_angular_velocity_is_refused(make_node, drive):
     node = make_node(ImuPredictionNode, angular_velocity_source="imu")
     message = imu_message(drive.stamps[0], (0.0, 0.0, 0.0))
     message.angular_velocity_covariance[0] = -1.0
-    node.monitor.guard("imu/data", node.on_imu)(message)
-    assert node.monitor.refused == {"absent_field": 1}
+    node.monitor.take(IMU, serialize_message(message))
+    assert node.monitor.refused.counts == {"imu_absent_field": 1}
 
 
 def test_frames_are_parameters(make_node, capture, drive):

@@ -13,20 +13,32 @@ from contextlib import suppress
 import pytest
 import threadpoolctl
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TransformStamped, TwistWithCovarianceStamped
+from geometry_msgs.msg import TwistWithCovarianceStamped
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from places import REPOSITORY
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import PointCloud2
 
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import Slam
+from vislam_ros.data.bags import decoding
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
+from vislam_ros.data.bags.layout import (
+    DEFAULT_FRAMES,
+    DIAGNOSTICS,
+    FEATURES,
+    ODOMETRY,
+    PLAYER,
+    PREDICTION,
+    STEPS,
+    TWIST,
+)
 from vislam_ros.data.trajectory import tum_line
 from vislam_ros.nodes import conversions
-from vislam_ros.nodes.qos import LATCHED, STREAM
+from vislam_ros.nodes.topics import LATCHED, STREAM, message_class
 
 WAIT = 40.0
 
@@ -104,7 +116,7 @@ def test_a_node_that_cannot_start_says_why_in_one_line(processes, arguments, wor
 @pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 3])
 def test_signals_end_a_node_with_0_and_without_a_traceback(processes, probe, signals):
     process = processes.start("imu_prediction_node", "--ros-args", "-p", "time_jumb:=2.0")
-    wait_until(lambda: probe.count_subscribers("imu/twist"), "the start of the node")
+    wait_until(lambda: probe.count_subscribers(TWIST.name), "the start of the node")
     for number in signals:
         with suppress(ProcessLookupError):
             process.send_signal(number)
@@ -119,14 +131,15 @@ class Source(Node):
 
     def __init__(self, **options):
         super().__init__("source", **options)
-        self.twists = self.create_publisher(TwistWithCovarianceStamped, "imu/twist", STREAM)
-        self.features = self.create_publisher(PointCloud2, "stereo/features", STREAM)
-        self.left = self.create_publisher(CameraInfo, "stereo/left/camera_info", LATCHED)
-        self.right = self.create_publisher(CameraInfo, "stereo/right/camera_info", LATCHED)
-        self.extrinsics = self.create_publisher(TransformStamped, "stereo/extrinsics", LATCHED)
-        self.status = self.create_publisher(DiagnosticArray, "player/status", LATCHED)
+        self.twists = self.create_publisher(TwistWithCovarianceStamped, TWIST.name, STREAM)
+        self.features = self.create_publisher(PointCloud2, FEATURES.name, STREAM)
+        self.calibration = {
+            topic: self.create_publisher(message_class(topic.msgtype), topic.name, LATCHED)
+            for topic in CALIBRATION_TOPICS
+        }
+        self.status = self.create_publisher(DiagnosticArray, PLAYER.name, LATCHED)
         self.subscribers = {}
-        self.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, STREAM)
+        self.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self.on_diagnostics, STREAM)
 
     def on_diagnostics(self, message):
         for status in message.status:
@@ -138,20 +151,20 @@ class Source(Node):
         return (
             self.twists.get_subscription_count() == 1
             and self.features.get_subscription_count() == 1
-            and self.subscribers.get("subscribers prediction/odometry") == 2
-            and self.subscribers.get("subscribers slam/odometry") == 1
-            and self.subscribers.get("subscribers slam/steps") == 1
+            and self.subscribers.get(f"subscribers {PREDICTION.name}") == 2
+            and self.subscribers.get(f"subscribers {ODOMETRY.name}") == 1
+            and self.subscribers.get(f"subscribers {STEPS.name}") == 1
         )
 
     def play(self, drive):
-        for part in ("left", "right", "extrinsics"):
-            getattr(self, part).publish(getattr(drive, part))
+        for topic, message in drive.calibration:
+            self.calibration[topic].publish(message)
         for twist, features in zip(drive.twists, drive.features, strict=True):
             self.twists.publish(twist)
             self.features.publish(features)
 
     def tell(self, state, sent):
-        values = {"state": state, "features_sent": sent}
+        values = {"state": state, f"sent {FEATURES.name}": sent, f"sent {TWIST.name}": sent}
         self.status.publish(
             conversions.status_array(
                 conversions.stamp_to_message(0), [conversions.status("player", values)]
@@ -165,9 +178,9 @@ def expected_trajectory(drive):
     slam.set_camera(drive.camera)
     steps = []
     for twist, features in zip(drive.twists, drive.features, strict=True):
-        pose = prediction.add_twist(*conversions.twist_from_message(twist))
+        pose = prediction.add_twist(*decoding.twist(twist, DEFAULT_FRAMES))
         steps += slam.add_prediction(pose.stamp, pose.position, pose.quaternion)
-        steps += slam.add_features(*conversions.features_from_message(features))
+        steps += slam.add_features(*decoding.features(features, DEFAULT_FRAMES))
     return "".join(f"{tum_line(s.stamp, s.position, s.quaternion)}\n" for s in steps)
 
 
@@ -225,7 +238,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(graph, drive):
     source.play(drive)
     spin_until(
         lambda: (
-            count_messages(directory / "results.mcap", "/slam/odometry") == len(drive.features)
+            count_messages(directory / "results.mcap", ODOMETRY.recorded) == len(drive.features)
         ),
         "the writing of all messages while the recorder runs",
     )
@@ -233,7 +246,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(graph, drive):
     nodes["recorder_node"].communicate(timeout=WAIT)
     assert (directory / "trajectory.tum").read_text() == expected_trajectory(drive)
     assert json.loads((directory / "summary.json").read_text())["complete"] is False
-    assert count_messages(directory / "results.mcap", "/slam/odometry") == len(drive.features)
+    assert count_messages(directory / "results.mcap", ODOMETRY.recorded) == len(drive.features)
 
 
 def count_messages(path, topic):

@@ -19,22 +19,26 @@ from rosbags.highlevel import AnyReader
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import estimates_of
-from vislam_ros.data.results.landmark_map import read_landmarks
-from vislam_ros.data.results.reader import read_results
-from vislam_ros.data.results.recording import Raw
-from vislam_ros.data.trajectory import read_tum, tum_line
-from vislam_ros.errors import VislamError
-from vislam_ros.nodes import conversions, recorder_node
-from vislam_ros.nodes.recorder_node import (
+from vislam_ros.data.bags import decoding
+from vislam_ros.data.bags.layout import (
+    DEFAULT_FRAMES,
     DIAGNOSTICS,
+    FEATURES,
     GYRO_BIAS,
     LANDMARKS,
     ODOMETRY,
     PLAYER,
     PREDICTION,
     STEPS,
-    RecorderNode,
+    TWIST,
 )
+from vislam_ros.data.results.landmark_map import read_landmarks
+from vislam_ros.data.results.reader import read_results
+from vislam_ros.data.results.recording import Raw
+from vislam_ros.data.trajectory import read_tum, tum_line
+from vislam_ros.errors import VislamError
+from vislam_ros.nodes import conversions, recorder_node
+from vislam_ros.nodes.recorder_node import RecorderNode
 from vislam_ros.nodes.slam_report import step_values
 
 
@@ -45,8 +49,8 @@ def answers(drive):
     core.set_camera(drive.camera)
     steps = []
     for prediction, features in zip(drive.predictions, drive.features, strict=True):
-        steps += core.add_prediction(*conversions.pose_from_odometry(prediction))
-        steps += core.add_features(*conversions.features_from_message(features))
+        steps += core.add_prediction(*decoding.pose(prediction))
+        steps += core.add_features(*decoding.features(features, DEFAULT_FRAMES))
     return steps, core.landmarks()
 
 
@@ -86,7 +90,7 @@ def give_map(recorder, stamp, landmarks):
 
 
 def give_player(recorder, state, sent):
-    values = {"state": state, "features_sent": sent}
+    values = {"state": state, f"sent {FEATURES.name}": sent, f"sent {TWIST.name}": sent}
     message = conversions.status_array(
         conversions.stamp_to_message(0), [conversions.status("player", values)]
     )
@@ -160,17 +164,17 @@ def test_messages_are_kept_as_they_came_in_a_file_that_other_tools_open(
     with AnyReader([tmp_path / "run" / "results.mcap"]) as reader:
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}
         assert counts == {
-            "/slam/odometry": len(steps),
-            "/slam/steps": len(steps),
-            "/slam/gyro_bias": len(steps),
-            "/prediction/odometry": len(steps),
-            "/slam/landmarks": 1,
-            "/player/status": 2,
+            ODOMETRY.recorded: len(steps),
+            STEPS.recorded: len(steps),
+            GYRO_BIAS.recorded: len(steps),
+            PREDICTION.recorded: len(steps),
+            LANDMARKS.recorded: 1,
+            PLAYER.recorded: 2,
         }
         assert reader.start_time == steps[0].stamp
         for connection, _, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
-            if connection.topic == "/slam/odometry":
+            if connection.topic == ODOMETRY.recorded:
                 position = message.pose.pose.position
     assert (position.x, position.y, position.z) == tuple(steps[-1].position)
 
@@ -184,7 +188,7 @@ def test_a_shortfall_is_named(recorder, drive, answers, tmp_path, no_patience):
     told = summary(tmp_path / "run")
     assert told["complete"] is False
     assert told["incomplete_reason"] == (
-        f"{len(steps)} steps for {len(steps) + 3} features messages"
+        f"3 of {len(steps) + 3} features messages were not answered"
     )
 
 
@@ -237,8 +241,8 @@ def test_nothing_of_the_last_flush_is_lost_to_a_kill(recorder, drive, answers, t
         for schema, channel, _ in reader.iter_messages(log_time_order=False):
             assert schema.data
             seen[channel.topic] += 1
-    assert seen["/slam/odometry"] == seen["/slam/steps"] == len(steps)
-    assert seen["/slam/landmarks"] == 1
+    assert seen[ODOMETRY.recorded] == seen[STEPS.recorded] == len(steps)
+    assert seen[LANDMARKS.recorded] == 1
 
 
 def test_a_loop_goes_to_directories_of_its_own(recorder, drive, answers, tmp_path, no_patience):
@@ -293,9 +297,11 @@ def test_what_the_nodes_report_goes_into_the_summary(recorder, drive, answers, t
     give_drive(recorder, drive, answers)
     statuses = [
         conversions.status(
-            "/slam_node", {"peak memory [MB]": 81.5, "resets": 2, "refused late": 4}
+            "/slam_node",
+            {"peak memory [MB]": 81.5, "resets": 2, "refused features_late": 4}
+            | {"first features_late [s]": "3.500000000"},
         ),
-        conversions.status("/imu_prediction_node", {"refused non_finite": 1}),
+        conversions.status("/imu_prediction_node", {"refused twist_non_finite": 1}),
     ]
     message = conversions.status_array(conversions.stamp_to_message(0), statuses)
     give(recorder.on_diagnostics, DIAGNOSTICS, message)
@@ -303,7 +309,8 @@ def test_what_the_nodes_report_goes_into_the_summary(recorder, drive, answers, t
     told = summary(tmp_path / "run")
     assert told["peak_rss_mb"] == 81.5
     assert told["resets"] == 2
-    assert told["refused"] == {"late": 4, "twist_non_finite": 1}
+    assert told["refused"] == {"features_late": 4, "twist_non_finite": 1}
+    assert told["refused_first"] == {"features_late": "3.500000000"}
 
 
 def test_an_estimator_without_a_bias_leaves_none_in_the_summary(
@@ -338,14 +345,11 @@ def test_a_map_that_is_on_its_way_is_waited_for(
 
 
 def test_messages_that_make_no_sense_are_counted(recorder, drive, tmp_path):
-    recorder.monitor.guard("player/status", give)(
-        recorder.on_player,
-        PLAYER,
-        conversions.status_array(
-            conversions.stamp_to_message(0), [conversions.status("player", {"state": "x"})]
-        ),
+    message = conversions.status_array(
+        conversions.stamp_to_message(0), [conversions.status("player", {"stat": "x"})]
     )
-    assert recorder.monitor.refused == {"bad_fields": 1}
+    recorder.monitor.take(PLAYER, serialize_message(message))
+    assert recorder.monitor.refused.counts == {"bad_fields": 1}
 
 
 def test_results_that_exist_are_refused_unless_forced(make_node, drive, answers, tmp_path):

@@ -5,17 +5,19 @@
 import pytest
 from rclpy.node import Node
 
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import StepTotals
+from vislam_ros.core.tracking.refusals import RefusedMessage
+from vislam_ros.data.bags import decoding
+from vislam_ros.data.bags.layout import DEFAULT_FRAMES
 from vislam_ros.nodes import conversions
-from vislam_ros.nodes.conversions import MessageError
 from vislam_ros.nodes.slam_report import SlamReport, row_from_values, step_values
 
 
 @pytest.fixture
 def core(drive):
-    core = Slam(SlamSettings(min_observations=1))
+    core = Slam(RobocentricSettings(min_observations=1))
     core.set_camera(drive.camera)
     return core
 
@@ -24,8 +26,8 @@ def core(drive):
 def steps(core, drive):
     steps = []
     for prediction, features in zip(drive.predictions, drive.features, strict=True):
-        steps += core.add_prediction(*conversions.pose_from_odometry(prediction))
-        steps += core.add_features(*conversions.features_from_message(features))
+        steps += core.add_prediction(*decoding.pose(prediction))
+        steps += core.add_features(*decoding.features(features, DEFAULT_FRAMES))
     return steps
 
 
@@ -65,7 +67,7 @@ def test_a_row_comes_out_of_a_message_as_it_went_in(steps):
 def test_a_message_that_lacks_a_number_is_refused(steps, change, words):
     values = {**texts(step_values(steps[0].row(), 1.5)), **change}
     values = {name: text for name, text in values.items() if text is not None}
-    with pytest.raises(MessageError, match=words) as refusal:
+    with pytest.raises(RefusedMessage, match=words) as refusal:
         row_from_values(values)
     assert refusal.value.reason == "bad_fields"
 

@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 from places import REPOSITORY
 
@@ -15,7 +17,7 @@ from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 TOOL = REPOSITORY / "tools" / "bench.py"
 
 
-def bench(*arguments):
+def bench(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, TOOL, *map(str, arguments)],
         capture_output=True,
@@ -26,9 +28,9 @@ def bench(*arguments):
     )
 
 
-def test_the_step_is_measured_above_its_floor_and_written_as_json(tmp_path):
+def test_the_step_is_measured_above_its_floor_and_written_as_json(tmp_path: Path) -> None:
     out = tmp_path / "bench.json"
-    result = bench("--only", "a", "--quick", "--estimator", "joint", "--out", out)
+    result = bench("--only", "floor", "--quick", "--estimator", "joint", "--out", out)
     assert result.returncode == 0, result.stderr
     assert "step / floor" in result.stdout
     report = json.loads(out.read_text())
@@ -38,13 +40,13 @@ def test_the_step_is_measured_above_its_floor_and_written_as_json(tmp_path):
     assert all(row["ratio"] > 0 and row["floor_ms"] > 0 for row in report["floor"])
     assert report["machine"]["blas"]
 
-    again = bench("--only", "a", "--quick", "--out", out)
+    again = bench("--only", "floor", "--quick", "--out", out)
     assert again.returncode == 1
     assert again.stderr.startswith("error:")
     assert "--force" in again.stderr
 
 
-def of_a_drive(section, folder, **simulation):
+def of_a_drive(section: str, folder: Path, **simulation: Any) -> tuple[str, dict[str, Any]]:
     """What a section prints and writes about a simulated drive, its reference beside it."""
     data, out = folder / "drive.npz", folder / "bench.json"
     write_simulated(data, simulate(SimulationSettings(**simulation)))
@@ -53,27 +55,27 @@ def of_a_drive(section, folder, **simulation):
     return result.stdout, json.loads(out.read_text())
 
 
-def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path):
-    _, report = of_a_drive("d", tmp_path, steps=40, landmarks=200)
-    rows = report["drive"]
+def test_a_drive_is_measured_with_the_reference_beside_it(tmp_path: Path) -> None:
+    _, report = of_a_drive("drives", tmp_path, steps=40, landmarks=200)
+    rows = report["drives"]
     assert rows[0]["steps"] == rows[1]["steps"] == 40
     assert all(row["ate_m"] > 0 for row in rows)
 
 
-def test_a_drive_is_measured_beside_itself_with_other_noise(tmp_path):
-    printed, report = of_a_drive("h", tmp_path, steps=60, landmarks=300)
+def test_a_drive_is_measured_beside_itself_with_other_noise(tmp_path: Path) -> None:
+    printed, report = of_a_drive("redrawn", tmp_path, steps=60, landmarks=300)
     assert "other pixels and twists" in printed
     itself, *others = report["redrawn"]["runs"]
     assert [itself["drives"], *(row["drives"] for row in others)] == [1, 2, 2]
     assert all(row["nees_least"] <= row["nees"] <= row["nees_greatest"] for row in others)
 
 
-def test_consistency_is_measured_on_drives_of_each_kind(tmp_path):
+def test_consistency_is_measured_on_drives_of_each_kind(tmp_path: Path) -> None:
     out = tmp_path / "bench.json"
-    result = bench("--only", "f", "--quick", "--seeds", 1, "--out", out)
+    result = bench("--only", "consistency", "--quick", "--seeds", 1, "--out", out)
     assert result.returncode == 0, result.stderr
     assert "NEES/6" in result.stdout
-    assert "disparities of f: median" in result.stdout
+    assert "disparities of consistency: median" in result.stdout
     consistency = json.loads(out.read_text())["consistency"]
     assert consistency["seeds"] == 1
     assert len(consistency["drives"]) == 4
@@ -81,7 +83,25 @@ def test_consistency_is_measured_on_drives_of_each_kind(tmp_path):
     assert all(row["nees"] > 0 and row["to_batch"] > 0 for row in consistency["runs"])
 
 
-def test_an_unknown_section_is_wrong_usage():
-    result = bench("--only", "a,z")
+def test_an_unknown_section_is_wrong_usage() -> None:
+    result = bench("--only", "floor,roof")
     assert result.returncode == 2
-    assert "a, b, c, d, e, f, g, h" in result.stderr
+    assert "floor, dense, growth, drives, peers, consistency, tracks, redrawn" in result.stderr
+
+
+def test_a_section_that_cannot_be_measured_is_left_out_with_the_reason(tmp_path: Path) -> None:
+    data = tmp_path / "drive.npz"
+    write_simulated(data, simulate(SimulationSettings(steps=30, landmarks=100))).unlink()
+    out = tmp_path / "bench.json"
+    asked = ("--only", "tracks,peers", "--estimator", "dead_reckoning", "--quick")
+    result = bench(*asked, "--data", data, "--out", out)
+    assert result.returncode == 0, result.stderr
+    assert json.loads(out.read_text())["notes"] == [
+        "peers is left out: it needs --reference for its errors",
+        "tracks is left out: dead_reckoning cannot be smoothed",
+    ]
+
+
+def test_the_help_names_every_section_and_what_it_measures() -> None:
+    result = bench("--help")
+    assert "dense        The dense filter over 500, 1000 and 2000 landmarks" in result.stdout

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ TOOL = REPOSITORY / "tools" / "reproduce_report.py"
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory):
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     result = subprocess.run(
         [sys.executable, TOOL, "--steps", "40", "--out", folder, "--jobs", "2"],
@@ -33,13 +34,13 @@ def report(tmp_path_factory):
     return folder
 
 
-def test_one_command_draws_every_figure(report):
+def test_one_command_draws_every_figure(report: Path) -> None:
     assert {f"figure_{k}" for k in range(2, 7)} < set(FIGURES)
     for name in FIGURES:
         assert (report / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_larger_v_brings_the_path_to_dead_reckoning(report):
+def test_a_larger_v_brings_the_path_to_dead_reckoning(report: Path) -> None:
     numbers = json.loads((report / "report.json").read_text())["experiments"]
     apart = [
         numbers[name]["from_dead_reckoning_m"]
@@ -52,7 +53,7 @@ def test_a_larger_v_brings_the_path_to_dead_reckoning(report):
     assert all(experiment["ate_m"] is not None for experiment in numbers.values())
 
 
-def test_an_experiment_that_diverged_is_drawn_and_said_so():
+def test_an_experiment_that_diverged_is_drawn_and_said_so() -> None:
     stamps = np.arange(20, dtype=np.int64) * 100_000_000
     quaternions = np.tile([0.0, 0.0, 0.0, 1.0], (20, 1))
     straight = np.stack([np.arange(20.0), np.zeros(20), np.zeros(20)], axis=1)

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 #: Seconds of processor time that this thread has had.
 cpu_clock = time.thread_time
 
-#: Does a thing once and tells how many seconds it took, preparations left out.
+#: Does a thing once and returns how many seconds it took, preparations left out.
 Timed = Callable[[], float]
 
 

@@ -45,10 +45,10 @@ class LapackFloor:
         self._HP_T = np.asfortranarray(P @ H.T)
         self._S = np.asfortranarray(H @ P @ H.T + np.eye(rows))
         landmarks = rows // 3
-        small = size - rows
-        self._small = np.eye(small)
+        vehicle = size - rows
+        self._vehicle = np.eye(vehicle)
         self._landmarks = np.tile(np.eye(3), (landmarks, 1, 1))
-        self._coupling = np.zeros((rows, small))
+        self._coupling = np.zeros((rows, vehicle))
         self._half, self._whole = np.empty((size, size)), np.empty((size, size))
         self._buffers = [np.copy(M, order="F") for M in (self._S, self._HP_T, self._P)]
 
@@ -63,12 +63,12 @@ class LapackFloor:
 
     def motion(self) -> float:
         """Multiply by F from both sides; return the seconds it took."""
-        small, landmarks = self._small, self._landmarks
+        vehicle, landmarks = self._vehicle, self._landmarks
         P, half, whole = self._P, self._half, self._whole
         begin = cpu_clock()
         for source, target in ((P, half), (half.T, whole)):
-            n, s = len(landmarks), len(small)
-            np.matmul(small, source[:s], out=target[:s])
+            n, s = len(landmarks), len(vehicle)
+            np.matmul(vehicle, source[:s], out=target[:s])
             blocks = target[s:].reshape(n, 3, -1)
             np.matmul(landmarks, source[s:].reshape(n, 3, -1), out=blocks)
             target[s:] += self._coupling @ source[:s]

@@ -68,7 +68,7 @@ _TABLES: dict[str, tuple[str, _Columns]] = {
             ("ratio", "step / floor", "{:.2f}"),
         ),
     ),
-    "drive": (
+    "drives": (
         "A whole drive",
         (
             ("name", "", "{}"),
@@ -100,7 +100,7 @@ _TABLES: dict[str, tuple[str, _Columns]] = {
             ("dead_reckoning_m", "dead reckoning [m]", "{:.2f}"),
         ),
     ),
-    "disparity_errors": (
+    "tracks": (
         "Errors of the disparities of tracks",
         (
             ("from_px", "disparity from [px]", "{:g}"),

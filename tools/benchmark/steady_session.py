@@ -62,7 +62,7 @@ class SwayingScene:
         self._T_odom_body = np.eye(4)
         self._next_id = 0
         self._ids = np.empty(0, dtype=np.uint32)
-        self._points = np.empty((0, 3))
+        self._points: Array = np.empty((0, 3))
         self._replace(active)
 
     def frame(self, turnover: int) -> SceneFrame:
@@ -151,8 +151,9 @@ class SteadySession:
         """Rows of the last update, and components of the error state that it corrected."""
         filter_step = self._filter_steps[-1]
         before = self.last.active - self.last.admitted + self.last.rejected
-        small = getattr(self._slam.filter, "SMALL_SIZE", 6)
-        return 3 * filter_step.outcome.used, small + 3 * before
+        covariance = getattr(self._slam.filter, "covariance", None)
+        vehicle = 6 if covariance is None else len(covariance) - 3 * self.last.active
+        return 3 * filter_step.outcome.used, vehicle + 3 * before
 
     def _take(self, turnover: int) -> SlamStep:
         return self._give(self._scene.frame(turnover))

@@ -40,7 +40,7 @@ class WatchedSlam(Slam):
     ----------
     settings : SlamSettings
     on_filter_step : callable
-        Hears of each step of the filter.
+        Called with each step of the filter.
     record : bool, optional
         Whether the steps can be smoothed at the end.
 

@@ -96,7 +96,7 @@ class ExperimentResult:
     landmarks: Array
 
     def figures(self, reference: Trajectory | None) -> dict[str, float | int | None]:
-        """Return the numbers that tell experiments apart, in metres.
+        """Return the numbers in which experiments differ, in metres.
 
         ``from_dead_reckoning_m`` is the RMS distance of the two paths as they stand, from the
         same origin; ``landmark_distance_m`` that of a landmark to the nearest pose, the median,
@@ -146,7 +146,7 @@ def run_experiments(
     jobs: int,
     on_result: Callable[[str], None] | None = None,
 ) -> dict[str, ExperimentResult]:
-    """Run experiments, so many at a time; hears the name of each that has ended.
+    """Run experiments, so many at a time; call back with the name of each that has ended.
 
     Raises
     ------

@@ -29,6 +29,8 @@ def _end_with_parent() -> None:
 def main() -> None:
     """Watch the parent from a thread and run the module that the arguments name."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    # The parent ends it with SIGINT, which all ignore that a shell started in the background.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     del sys.argv[0]
     try:
         runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)

@@ -24,6 +24,8 @@ from vislam_ros.core.settings import (
     nearest_name,
     settings_from_dict,
 )
+from vislam_ros.data.bags.layout import Frames
+from vislam_ros.data.bags.reader import ReadingRules
 from vislam_ros.data.files.parameter_file import node_parameters, read_parameters
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import SettingsError
@@ -53,12 +55,15 @@ class RunParameters:
     slam, prediction : SlamSettings, PredictionSettings
     given_map : LandmarkMap or None
         The map of an estimator that needs one.
+    reading : ReadingRules
+        How the nodes would take a bag's messages.
     """
 
     given: dict[str, dict[str, Any]]
     slam: SlamSettings
     prediction: PredictionSettings
     given_map: LandmarkMap | None
+    reading: ReadingRules
 
     @property
     def slam_values(self) -> dict[str, Any]:
@@ -121,6 +126,25 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
         slam=slam,
         prediction=checked[PredictionSettings],
         given_map=read_landmarks(Path(map_file)) if map_file else None,
+        reading=_reading_rules(f"{file}: " if file else "", checked),
+    )
+
+
+def _reading_rules(where: str, checked: dict[Any, Any]) -> ReadingRules:
+    """Rules of the nodes' settings, which must agree on the frames between the nodes."""
+    slam, prediction = checked[SlamNodeSettings], checked[PredictionNodeSettings]
+    for name in ("odom_frame", "base_frame"):
+        one, other = getattr(prediction, name), getattr(slam, name)
+        if one != other:
+            raise SettingsError(
+                f"{where}{name}: is {one!r} for imu_prediction_node and {other!r} for slam_node: "
+                "give both the same"
+            )
+    return ReadingRules(
+        frames=Frames(slam.map_frame, slam.odom_frame, slam.base_frame, slam.camera_frame),
+        twist_time_jump=checked[PredictionSettings].time_jump,
+        features_time_jump=checked[SlamSettings].time_jump,
+        imu_turns=prediction.angular_velocity_source == "imu",
     )
 
 

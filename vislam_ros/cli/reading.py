@@ -6,23 +6,25 @@ import argparse
 import sys
 
 from vislam_ros.cli.screen import progress_bar
+from vislam_ros.data.bags.reader import ReadingRules
 from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.datasets.formats import import_format
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.loading import load_drive
+from vislam_ros.data.loading import load_passes
 
 
-def read_input(arguments: argparse.Namespace) -> Drive:
-    """Read the dataset or bag ``DATA_OR_BAG`` and tell what was repaired."""
+def read_input(arguments: argparse.Namespace, rules: ReadingRules) -> tuple[Drive, ...]:
+    """Read the dataset or bag ``DATA_OR_BAG``, pass by pass, and tell what was repaired."""
     use_format(arguments)
     with progress_bar("reading", 1.0) as update:
-        drive = load_drive(
+        passes = load_passes(
             arguments.data,
             conventions=conventions(arguments),
+            rules=rules,
             progress=lambda share: update(share, ""),
         )
-    print_notes(drive)
-    return drive
+    print_notes(passes[0])
+    return passes
 
 
 def use_format(arguments: argparse.Namespace) -> None:

@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The landmark map that a filter gives, and the store of landmarks it has set aside."""
+"""The landmark map that a filter gives, and the store of landmarks it has marginalized."""
 
 from dataclasses import dataclass
 
@@ -36,7 +36,7 @@ class LandmarkMap:
 
 
 class LandmarkStore:
-    """Landmarks set aside, known by their keys (see tracks).
+    """Landmarks marginalized, known by their keys (see tracks).
 
     Attributes
     ----------

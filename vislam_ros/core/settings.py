@@ -74,8 +74,8 @@ class MotionSettings:
     )
     time_jump: float = setting(
         1.0,
-        "A stamp that lies more than this before the one last seen starts the estimate anew, as "
-        "a looping bag does; a smaller step back is a late message and is refused [s]",
+        "A stamp that lies more than this before the newest begins a new pass, as a looping bag "
+        "does; a smaller step back is a late message: refused live, sorted in offline [s]",
         minimum=0.0,
     )
 

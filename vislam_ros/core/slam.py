@@ -7,7 +7,7 @@ and values alone, never on when a message happened to arrive.
 """
 
 import time
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,15 @@ from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_dri
 from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.step import SlamStep
 from vislam_ros.core.tracking.pairing import PredictedPath
-from vislam_ros.core.tracking.time_order import Refusal, TimeOrder
+from vislam_ros.core.tracking.refusals import (
+    Refusal,
+    RefusalCounts,
+    RefusedMessage,
+    Stream,
+    check_features,
+    check_pose,
+)
+from vislam_ros.core.tracking.time_order import Passes
 from vislam_ros.core.tracking.tracks import Tracks
 from vislam_ros.errors import SettingsError
 
@@ -53,8 +61,8 @@ class Slam:
 
     Attributes
     ----------
-    refused : Counter of str
-        Refused messages by reason; those of predictions begin with ``prediction_``.
+    refused : RefusalCounts
+        Messages of predictions and features that were not used.
     resets : int
         How often the estimate began anew.
     previous_map : LandmarkMap or None
@@ -86,20 +94,15 @@ class Slam:
         self._given_map = given_map if self._registration.needs_map else None
         self._record = record
         self._camera: StereoCamera | None = None
-        self.refused: Counter[str] = Counter()
+        self.refused = RefusalCounts()
         self.resets = 0
         self.previous_map: LandmarkMap | None = None
-        self._feature_order = TimeOrder(settings.time_jump)
-        self._prediction_order = TimeOrder(settings.time_jump)
         self._clear()
 
     def _clear(self) -> None:
         """Forget all messages and the estimate, but not the camera."""
-        self._feature_order.reset()
-        self._prediction_order.reset()
-        # Both streams count their passes, so that each frame meets predictions of its own pass.
-        self._feature_pass: int | None = None
-        self._prediction_pass: int | None = None
+        streams = (Stream.PREDICTION, Stream.FEATURES)
+        self._passes = Passes(dict.fromkeys(streams, self._settings.time_jump))
         self._paths: dict[int, PredictedPath] = {}
         self._pending: deque[_PendingFrame] = deque()
         self._begin_pass(0)
@@ -108,8 +111,8 @@ class Slam:
         settings = self._settings
         self._pass = pass_number
         self._estimator: Estimator | None = None
-        size = self._registration.vehicle_size
-        self._tape = Tape(size) if self._record and size is not None else None
+        smoothable = self._registration.smoothable
+        self._tape = Tape() if self._record and smoothable else None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
         self._tracks = Tracks(
@@ -119,9 +122,20 @@ class Slam:
         )
 
     @property
-    def waiting(self) -> int:
-        """Number of feature frames that wait for their prediction or for the camera."""
-        return len(self._pending)
+    def waiting(self) -> tuple[int, ...]:
+        """Stamps (ns) of the feature frames that wait for their prediction or for the camera."""
+        return tuple(frame.stamp for frame in self._pending)
+
+    @property
+    def waits_for(self) -> Refusal:
+        """Reason to refuse the frames that wait, if nothing more is to come."""
+        return Refusal.NO_CAMERA if self._camera is None else Refusal.NO_PREDICTION
+
+    def refuse_waiting(self) -> None:
+        """Give up the frames that wait: nothing more is to come."""
+        for frame in self._pending:
+            self.refused.add(Stream.FEATURES, self.waits_for, frame.stamp)
+        self._pending.clear()
 
     def reset(self) -> None:
         """Begin anew with the next features message, as at the start."""
@@ -163,24 +177,13 @@ class Slam:
         list of SlamStep
             The steps that became ready.
         """
-        position = np.asarray(position, dtype=float)
-        quaternion = np.asarray(quaternion, dtype=float)
-        reason = self._prediction_order.refusal(stamp)
-        if position.shape != (3,) or quaternion.shape != (4,):
-            reason = Refusal.WRONG_SIZE
-        elif not (np.all(np.isfinite(position)) and np.all(np.isfinite(quaternion))):
-            reason = Refusal.NON_FINITE
-        elif abs(np.linalg.norm(quaternion) - 1.0) > 1e-3:
-            reason = Refusal.NOT_A_ROTATION
-        if reason is not None:
-            self.refused[f"prediction_{reason.value}"] += 1
+        try:
+            check_pose(position, quaternion)
+            number = self._passes.enter(Stream.PREDICTION, stamp)
+        except RefusedMessage as error:
+            self.refused.add(Stream.PREDICTION, error.refusal, stamp)
             return []
-        if self._prediction_pass is None:
-            self._prediction_pass = self._feature_pass or self._pass
-        elif self._prediction_order.is_jump(stamp):
-            self._prediction_pass += 1
-        self._prediction_order.accept(stamp)
-        path = self._paths.setdefault(self._prediction_pass, PredictedPath(self._settings))
+        path = self._paths.setdefault(number, PredictedPath(self._settings))
         path.add(stamp, se3.pose_matrix(position, quaternion))
         return self._advance()
 
@@ -202,25 +205,16 @@ class Slam:
         """
         ids = np.asarray(ids, dtype=np.uint32)
         pixels = np.asarray(pixels, dtype=np.float32)
-        reason = self._feature_order.refusal(stamp)
-        if ids.ndim != 1 or pixels.shape != (len(ids), 4):
-            reason = Refusal.WRONG_SIZE
-        elif not np.all(np.isfinite(pixels)):
-            reason = Refusal.NON_FINITE
-        elif not np.all(ids[1:] > ids[:-1]) and len(np.unique(ids)) != len(ids):
-            reason = Refusal.DUPLICATE_IDS
-        elif reason is None and len(self._pending) >= self._settings.max_pending:
-            reason = Refusal.QUEUE_FULL
-        if reason is not None:
-            self.refused[reason.value] += 1
+        try:
+            check_features(ids, pixels)
+            if len(self._pending) >= self._settings.max_pending:
+                raise RefusedMessage(Refusal.QUEUE_FULL)
+            number = self._passes.enter(Stream.FEATURES, stamp)
+        except RefusedMessage as error:
+            self.refused.add(Stream.FEATURES, error.refusal, stamp)
             return []
-        if self._feature_pass is None:
-            self._feature_pass = self._prediction_pass or self._pass
-        elif self._feature_order.is_jump(stamp):
-            self._feature_pass += 1
-        self._feature_order.accept(stamp)
         chosen = _chosen(ids, self._settings.feature_fraction, self._settings.seed)
-        self._pending.append(_PendingFrame(self._feature_pass, stamp, ids[chosen], pixels[chosen]))
+        self._pending.append(_PendingFrame(number, stamp, ids[chosen], pixels[chosen]))
         return self._advance()
 
     def landmarks(self) -> LandmarkMap:
@@ -253,7 +247,7 @@ class Slam:
         while self._pending and self._camera is not None:
             frame = self._pending[0]
             path = self._paths.get(frame.pass_number)
-            pass_is_over = (self._prediction_pass or 0) > frame.pass_number
+            pass_is_over = self._passes.number(Stream.PREDICTION) > frame.pass_number
             covered = path is not None and path.reaches(frame.stamp)
             if covered and path is not None and not path.begins_after(frame.stamp):
                 self._pending.popleft()
@@ -261,7 +255,7 @@ class Slam:
             elif covered or pass_is_over:
                 # No prediction that is still to come can tell where this frame was taken.
                 self._pending.popleft()
-                self.refused[Refusal.NO_PREDICTION.value] += 1
+                self.refused.add(Stream.FEATURES, Refusal.NO_PREDICTION, frame.stamp)
             else:
                 break
         return steps

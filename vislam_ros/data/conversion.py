@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vislam_ros.data.bags.integrity import file_sha256
+from vislam_ros.data.bags.layout import DEFAULT_FRAMES, Frames
 from vislam_ros.data.bags.writer import check_bag_output, write_bag
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import read_dataset
@@ -25,6 +26,7 @@ def convert(
     *,
     conventions: Conventions = AS_FOUND,
     reference: Path | None = None,
+    frames: Frames = DEFAULT_FRAMES,
     force: bool = False,
     progress: Progress | None = None,
 ) -> Drive:
@@ -40,6 +42,8 @@ def convert(
         See :func:`vislam_ros.data.datasets.formats.read_dataset`.
     reference : Path, optional
         A TUM file that becomes the ground truth, cut to the dataset's time.
+    frames : Frames, optional
+        Of the messages.
     force : bool
         Replace a bag that exists.
     progress : callable, optional
@@ -67,6 +71,7 @@ def convert(
         source=data,
         settings=settings,
         force=force,
+        frames=frames,
         progress=lambda share: report(_LOADING_SHARE + (1.0 - _LOADING_SHARE) * share),
     )
     return drive

@@ -3,12 +3,13 @@
 """A drive in memory: all that the graph hears, from whatever file it came."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.data.trajectory import Trajectory, nanoseconds
 from vislam_ros.errors import VislamError
 
@@ -49,6 +50,8 @@ class Drive:
         Poses of the body in its first pose's frame, where they are known.
     notes : tuple of str
         What a reader repaired or left out, a sentence each.
+    refused : RefusalCounts
+        Messages that a reader refused, as the nodes would.
     """
 
     name: str
@@ -62,6 +65,7 @@ class Drive:
     pixels: NDArray[np.float32]
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
+    refused: RefusalCounts = field(default_factory=RefusalCounts)
 
     @classmethod
     def from_tracks(

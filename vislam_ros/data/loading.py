@@ -3,10 +3,12 @@
 """A drive from whatever a command is given: a dataset or a bag."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
+from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import require_intact
-from vislam_ros.data.bags.reader import is_bag, read_drive
+from vislam_ros.data.bags.reader import DEFAULT_RULES, ReadingRules, read_passes
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import format_of, read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
@@ -14,14 +16,15 @@ from vislam_ros.data.drive import Drive
 from vislam_ros.errors import VislamError
 
 
-def load_drive(
+def load_passes(
     path: Path | str,
     *,
     conventions: Conventions = AS_FOUND,
+    rules: ReadingRules = DEFAULT_RULES,
     topics: Mapping[str, str] | None = None,
     progress: Progress | None = None,
-) -> Drive:
-    """Read a drive from a dataset or, after a look at its integrity, from a bag.
+) -> tuple[Drive, ...]:
+    """Read the drives of a dataset, which is one, or of a bag: one for each pass over the data.
 
     Parameters
     ----------
@@ -29,8 +32,8 @@ def load_drive(
     conventions : Conventions, optional
         For datasets, see :func:`~vislam_ros.data.datasets.formats.read_dataset`. A bag is in this
         package's convention.
-    topics : mapping of str to str, optional
-        For bags, see :func:`vislam_ros.data.bags.reader.read_drive`.
+    rules, topics : ReadingRules, mapping of str to str, optional
+        For bags, see :func:`vislam_ros.data.bags.reader.read_passes`.
     progress : callable, optional
         For datasets, called with the share done.
 
@@ -41,13 +44,31 @@ def load_drive(
     """
     path = Path(path)
     if format_of(path):
-        return read_dataset(path, conventions=conventions, progress=progress)
+        return (read_dataset(path, conventions=conventions, progress=progress),)
     if is_bag(path):
         require_intact(path)
-        return read_drive(path, topics=topics)
+        return read_passes(path, rules=rules, topics=topics)
     if not path.exists():
         raise VislamError(f"{path}: no such file or directory")
     raise VislamError(
         f"{path}: is neither a dataset of a known format (as .npz, .npy) nor a bag (a directory "
         "with metadata.yaml, or .mcap)"
     )
+
+
+def load_drive(
+    path: Path | str,
+    *,
+    conventions: Conventions = AS_FOUND,
+    rules: ReadingRules = DEFAULT_RULES,
+    topics: Mapping[str, str] | None = None,
+    progress: Progress | None = None,
+) -> Drive:
+    """Read a drive, the first pass of :func:`load_passes`, with its arguments and errors."""
+    first, *others = load_passes(
+        path, conventions=conventions, rules=rules, topics=topics, progress=progress
+    )
+    if others:
+        note = f"The stamps begin anew: this is the first of {len(others) + 1} passes."
+        return replace(first, notes=(*first.notes, note))
+    return first

@@ -18,7 +18,9 @@ from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive
 from vislam_ros.core.step import KINDS, Row, SlamStep
+from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.results.completeness import shortfall
 from vislam_ros.data.results.summary import RunSummary, peak_rss_mb
 from vislam_ros.data.trajectory import Trajectory
 
@@ -40,6 +42,8 @@ class Solution:
         refused; a table for ``pandas.DataFrame``.
     summary : dict
         As in ``summary.json``.
+    refused : RefusalCounts
+        Messages that the drive's reader and the estimators refused.
     smoothed : Trajectory or None
         Of the steps since the estimate last began anew, where it was asked for, with covariances.
     """
@@ -49,6 +53,7 @@ class Solution:
     landmarks: LandmarkMap
     steps: Mapping[str, NDArray[Any]]
     summary: dict[str, Any]
+    refused: RefusalCounts
     smoothed: Trajectory | None = None
 
 
@@ -159,22 +164,25 @@ def solve(
                 summary.add_step(rows[-1])
                 if on_step:
                     on_step(step)
+        slam.refuse_waiting()
         smoothed = slam.smoothed() if smooth else None
         landmarks = slam.landmarks() if smoothed is None else smoothed.landmarks
+    refused = RefusalCounts()
+    for counts in (drive.refused, reckoning.refused, slam.refused):
+        refused.merge(counts)
     summary.landmarks, summary.tracks = len(landmarks), len(np.unique(landmarks.ids))
-    summary.refused = {
-        **{f"twist_{reason}": count for reason, count in reckoning.refused.items()},
-        **slam.refused,
-    }
+    summary.set_refused(refused)
     summary.resets = slam.resets
     summary.peak_rss_mb = peak_rss_mb()
-    summary.complete, summary.incomplete_reason = True, None
+    reason = shortfall(len(steps), summary.refused, summary.refused_first)
+    summary.complete, summary.incomplete_reason = reason is None, reason
     return Solution(
         trajectory=trajectory_of(steps),
         dead_reckoning=trajectory_of(predictions),
         landmarks=landmarks,
         steps=_table(rows),
         summary=summary.as_dict(),
+        refused=refused,
         smoothed=None if smoothed is None else smoothed_trajectory(smoothed),
     )
 

@@ -1,6 +1,8 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to arrays and back; the only module that knows how either is laid out.
+"""From arrays to rclpy's messages, and back from those that only this package sends.
+
+What the estimators take is decoded by :mod:`vislam_ros.data.bags.decoding`.
 
 A pose covariance is, in the core, that of the error ``[rho; theta]`` on the right of the pose, in
 body axes. In an Odometry message it stands about the axes of ``header.frame_id``, position
@@ -9,7 +11,6 @@ never normalised or rounded, so a pose that went through a message is the same t
 """
 
 import array
-import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -20,22 +21,20 @@ from geometry_msgs.msg import (
     PoseStamped,
     Quaternion,
     TransformStamped,
-    TwistWithCovarianceStamped,
     Vector3,
     Vector3Stamped,
 )
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import ArrayLike, NDArray
-from sensor_msgs.msg import CameraInfo, Imu, PointCloud2, PointField
+from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.data.bags.feature_cloud import FEATURE_FIELDS, pack_features, unpack_features
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
+from vislam_ros.data.bags.feature_cloud import FEATURE_FIELDS, pack_features
 from vislam_ros.data.trajectory import NANOSECONDS
-from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 
@@ -66,25 +65,6 @@ _LANDMARK_POINT_FIELDS = [
 ]
 
 
-class MessageError(VislamError):
-    """A message that cannot be used.
-
-    Attributes
-    ----------
-    reason : str
-        One word, under which it is counted.
-    """
-
-    def __init__(self, reason: str, message: str):
-        super().__init__(message)
-        self.reason = reason
-
-
-def stamp_from_message(stamp: Time) -> int:
-    """Nanoseconds of a stamp."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
-
-
 def stamp_to_message(stamp: int) -> Time:
     """Stamp of nanoseconds."""
     seconds, nanoseconds = divmod(stamp, NANOSECONDS)
@@ -94,20 +74,6 @@ def stamp_to_message(stamp: int) -> Time:
 def header(stamp: int, frame: str) -> Header:
     """Header of a stamp in nanoseconds and a frame."""
     return Header(stamp=stamp_to_message(stamp), frame_id=frame)
-
-
-def check_frame(what: str, frame: str, expected: str) -> None:
-    """Refuse a message that speaks of another frame than the node's parameter says.
-
-    Raises
-    ------
-    MessageError
-        ``unknown_frame``.
-    """
-    if frame != expected:
-        raise MessageError(
-            "unknown_frame", f"{what} is {frame!r}, not {expected!r} as the parameter says"
-        )
 
 
 def covariance_to_ros(covariance: ArrayLike, R: ArrayLike) -> Array:
@@ -123,27 +89,6 @@ def covariance_to_ros(covariance: ArrayLike, R: ArrayLike) -> Array:
 def covariance_from_ros(covariance: ArrayLike, R: ArrayLike) -> Array:
     """Inverse of :func:`covariance_to_ros`."""
     return covariance_to_ros(covariance, np.asarray(R).T)
-
-
-def twist_from_message(message: TwistWithCovarianceStamped) -> tuple[int, Array]:
-    """Stamp (ns) and ``[v; omega]`` (6,), metres and radians a second."""
-    linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    twist = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
-    return stamp_from_message(message.header.stamp), twist
-
-
-def angular_velocity_from_imu(message: Imu) -> tuple[int, Array]:
-    """Stamp (ns) and angular velocity (3,), radians a second.
-
-    Raises
-    ------
-    MessageError
-        ``absent_field``, where the message says that it holds none.
-    """
-    if message.angular_velocity_covariance[0] == -1.0:
-        raise MessageError("absent_field", "imu/data holds no angular velocity")
-    omega = message.angular_velocity
-    return stamp_from_message(message.header.stamp), np.array([omega.x, omega.y, omega.z])
 
 
 def odometry(
@@ -185,13 +130,6 @@ def odometry(
     if twist_covariance is not None:
         message.twist.covariance = np.ascontiguousarray(twist_covariance, dtype=float).ravel()
     return message
-
-
-def pose_from_odometry(message: Odometry) -> tuple[int, Array, Array]:
-    """Stamp (ns), position (3,) in metres and quaternion (4,) x, y, z, w."""
-    p, q = message.pose.pose.position, message.pose.pose.orientation
-    stamp = stamp_from_message(message.header.stamp)
-    return stamp, np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
 
 
 def covariance_from_odometry(message: Odometry) -> Array:
@@ -251,26 +189,6 @@ def features_to_message(
     return _cloud(stamp, frame, _FEATURE_POINT_FIELDS, 20, pack_features(ids, pixels))
 
 
-def features_from_message(
-    message: PointCloud2,
-) -> tuple[int, NDArray[np.uint32], NDArray[np.float32]]:
-    """Stamp (ns), ids (n,) and pixels (n, 4) ``u_left, v_left, u_right, v_right``.
-
-    Raises
-    ------
-    MessageError
-        ``bad_fields`` where a field is missing or of a wrong type, ``wrong_size`` where the data
-        are longer or shorter than the message says.
-    """
-    try:
-        ids, pixels = unpack_features(message)
-    except VislamError as error:
-        raise MessageError("bad_fields", str(error)) from error
-    except ValueError as error:
-        raise MessageError("wrong_size", str(error)) from error
-    return stamp_from_message(message.header.stamp), ids, pixels
-
-
 def landmarks_to_message(stamp: int, frame: str, landmarks: LandmarkMap) -> PointCloud2:
     """Cloud of a landmark map, a :data:`LANDMARK_DTYPE` each."""
     points = np.empty(len(landmarks), dtype=LANDMARK_DTYPE)
@@ -292,11 +210,13 @@ def landmarks_from_message(message: PointCloud2) -> LandmarkMap:
 
     Raises
     ------
-    MessageError
-        ``wrong_size``.
+    RefusedMessage
+        Where the data are no whole number of points.
     """
     if message.point_step != LANDMARK_DTYPE.itemsize or len(message.data) % message.point_step:
-        raise MessageError("wrong_size", f"slam/landmarks: {len(message.data)} bytes of data")
+        raise RefusedMessage(
+            Refusal.WRONG_SIZE, f"{len(message.data)} bytes are no whole number of landmarks"
+        )
     points = np.frombuffer(message.data, dtype=LANDMARK_DTYPE)
     covariances = np.empty((len(points), 3, 3))
     for name, row, column in zip(_COVARIANCE_TERMS, *_UPPER, strict=True):
@@ -306,53 +226,6 @@ def landmarks_from_message(message: PointCloud2) -> LandmarkMap:
         generations=_occurrences(points["id"]),
         positions=np.stack([points[name] for name in "xyz"], axis=-1).astype(float),
         covariances=covariances,
-    )
-
-
-def camera_from_messages(
-    left: CameraInfo, right: CameraInfo, extrinsics: TransformStamped
-) -> StereoCamera:
-    """Stereo camera of both projection matrices and the left camera's pose in the body.
-
-    Raises
-    ------
-    MessageError
-        ``bad_camera_info`` where the two are not a calibrated, rectified pair, or
-        ``bad_extrinsics`` where the transform is no rigid motion.
-    """
-    P_left, P_right = np.reshape(left.p, (3, 4)), np.reshape(right.p, (3, 4))
-    if not (np.all(np.isfinite(P_left)) and np.all(np.isfinite(P_right))):
-        raise MessageError("bad_camera_info", "a projection matrix P is not finite")
-    if not (P_left[0, 0] > 0 and P_left[1, 1] > 0):
-        raise MessageError(
-            "bad_camera_info", "the left P has no focal length: calibrate the camera"
-        )
-    if not np.array_equal(P_left[:, :3], P_right[:, :3]):
-        raise MessageError(
-            "bad_camera_info",
-            "the left and right P differ in more than the baseline: rectify the pair",
-        )
-    fx_baseline = -float(P_right[0, 3])
-    if fx_baseline <= 0:
-        raise MessageError(
-            "bad_camera_info",
-            f"the right P[0, 3] is {-fx_baseline}: it must be -fx times the baseline",
-        )
-    t, q = extrinsics.transform.translation, extrinsics.transform.rotation
-    position, quaternion = (t.x, t.y, t.z), (q.x, q.y, q.z, q.w)
-    length = math.sqrt(sum(value * value for value in quaternion))
-    if not (all(map(math.isfinite, position)) and abs(length - 1.0) < 1e-3):
-        raise MessageError(
-            "bad_extrinsics", f"translation {position}, rotation {quaternion}: no rigid motion"
-        )
-    return StereoCamera(
-        fx=float(P_left[0, 0]),
-        fy=float(P_left[1, 1]),
-        cx=float(P_left[0, 2]),
-        cy=float(P_left[1, 2]),
-        fx_baseline=fx_baseline,
-        position_body_camera=position,
-        quaternion_body_camera=quaternion,
     )
 
 
@@ -376,13 +249,13 @@ def status_values(message: DiagnosticArray, name: str) -> dict[str, str]:
 
     Raises
     ------
-    MessageError
-        ``bad_fields`` where there is none.
+    RefusedMessage
+        Where there is none.
     """
     for entry in message.status:
         if entry.name == name:
             return {value.key: value.value for value in entry.values}
-    raise MessageError("bad_fields", f"no status {name!r} in this message")
+    raise RefusedMessage(Refusal.BAD_FIELDS, f"no status {name!r} in this message")
 
 
 def _text(value: object) -> str:

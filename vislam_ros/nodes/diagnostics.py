@@ -2,25 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a node counts and reports: messages received and refused, by reason, on /diagnostics."""
 
+import functools
 import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
+from vislam_ros.core.tracking.refusals import (
+    Refusal,
+    RefusalCounts,
+    RefusedMessage,
+    Stream,
+    refusal_of,
+)
+from vislam_ros.data.bags import decoding
+from vislam_ros.data.bags.layout import DIAGNOSTICS, Topic
+from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions
-from vislam_ros.nodes.conversions import MessageError
-from vislam_ros.nodes.qos import STREAM
+from vislam_ros.nodes.topics import message_class, qos_profile
 
 PERIOD = 1.0
-"""Seconds of the clock between two messages on /diagnostics."""
+"""Seconds of the clock between two messages on /diagnostics; fewer where something changes."""
 
 _CHECK_PERIOD = 0.2
 
@@ -36,41 +46,72 @@ class Monitor:
 
     Attributes
     ----------
-    refused : Counter of str
-        Messages that were not used, by reason.
+    refused : RefusalCounts
+        Messages that were not used.
     """
 
     def __init__(self, node: Node, describe: Callable[[], tuple[str, Mapping[str, object]]]):
         self._node = node
         self._describe = describe
+        self._callbacks: dict[str, Callable[..., None]] = {}
         self._received: Counter[str] = Counter()
-        self.refused: Counter[str] = Counter()
+        self.refused = RefusalCounts()
         self._absorbed: dict[str, Counter[str]] = {}
         self._last_report = time.monotonic()
         self._last_received = self._received.copy()
         self._last_refused = 0
+        self._seen = 0
         self._outputs: dict[str, Publisher] = {}
         self._subscribers: dict[str, int] = {}
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._publisher = self._create_publisher(DIAGNOSTICS)
         self._timer = node.create_timer(_CHECK_PERIOD, self.guard("diagnostics", self._check))
 
-    def advertise(self, message_type: type, topic: str, qos: QoSProfile = STREAM) -> Publisher:
+    def _create_publisher(self, topic: Topic) -> Publisher:
+        return self._node.create_publisher(
+            message_class(topic.msgtype), topic.name, qos_profile(topic.qos)
+        )
+
+    def advertise(self, topic: Topic) -> Publisher:
         """Create a publisher whose number of subscribers is reported as soon as it changes."""
-        self._outputs[topic] = self._node.create_publisher(message_type, topic, qos)
-        return self._outputs[topic]
+        self._outputs[topic.name] = self._create_publisher(topic)
+        return self._outputs[topic.name]
 
     def subscribe(
-        self, message_type: type, topic: str, callback: Callable[[Any], None], **options: Any
+        self, topic: Topic, callback: Callable[..., None], *, with_data: bool = False
     ) -> None:
-        """Subscribe with a callback that no message can make fail."""
-        options.setdefault("qos_profile", STREAM)
-        guarded = self.guard(topic, callback)
+        """Subscribe with a callback that no message can make fail.
 
-        def on_message(message: Any) -> None:
-            self._received[topic] += 1
-            guarded(message)
+        Messages come as bytes and are decoded here, so that those that cannot be are counted.
 
-        self._node.create_subscription(message_type, topic, on_message, **options)
+        Parameters
+        ----------
+        topic : Topic
+        callback : callable
+            Called with the message and, ``with_data``, with its CDR bytes.
+        with_data : bool
+        """
+        self._received[topic.name] = 0
+        self._callbacks[topic.name] = callback if with_data else lambda msg, _data: callback(msg)
+        self._node.create_subscription(
+            message_class(topic.msgtype),
+            topic.name,
+            functools.partial(self.take, topic),
+            qos_profile(topic.qos),
+            raw=True,
+        )
+
+    def take(self, topic: Topic, data: bytes) -> None:
+        """Take the CDR bytes of a message of a topic that is subscribed to."""
+        self._received[topic.name] += 1
+        message = None
+        try:
+            message = _decoded(topic, data)
+            self._callbacks[topic.name](message, data)
+        except RefusedMessage as error:
+            stamp = decoding.stamp_if_known(message)
+            self.refuse(error.refusal, str(error), topic.stream, stamp)
+        except Exception as error:
+            self._fail(topic.name, error)
 
     def guard(self, name: str, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback so that its errors are counted and logged, and go no further."""
@@ -78,15 +119,16 @@ class Monitor:
         def guarded(*arguments: Any) -> None:
             try:
                 callback(*arguments)
-            except MessageError as error:
-                self.refuse(error.reason, str(error))
-            except VislamError as error:
-                self.refuse("error", str(error))
-            except Exception:
-                if self._node.context.ok():
-                    self.refuse("internal_error", f"{name}: {traceback.format_exc()}")
+            except Exception as error:
+                self._fail(name, error)
 
         return guarded
+
+    def _fail(self, name: str, error: Exception) -> None:
+        """Count and log an exception at hand, unless it comes from the end of everything."""
+        if self._node.context.ok():
+            what = error if isinstance(error, VislamError) else traceback.format_exc()
+            self.refuse(Refusal.INTERNAL_ERROR, f"{name}: {what}")
 
     def serve(self, name: str, handler: Callable[[], str]) -> None:
         """Offer a Trigger service; the handler returns its message or raises a VislamError."""
@@ -98,7 +140,7 @@ class Monitor:
                 response.message, response.success = str(error), False
             except Exception as error:
                 response.message, response.success = f"internal error: {error!r}", False
-                self.refuse("internal_error", f"{name}: {traceback.format_exc()}")
+                self.refuse(Refusal.INTERNAL_ERROR, f"{name}: {traceback.format_exc()}")
             return response
 
         self._node.create_service(Trigger, name, on_request)
@@ -109,33 +151,46 @@ class Monitor:
             publisher.publish(message)
         except RuntimeError as error:
             if self._node.context.ok():
-                self.refuse("not_published", f"{publisher.topic_name}: {error}")
+                self.refuse(Refusal.NOT_PUBLISHED, f"{publisher.topic_name}: {error}")
 
-    def refuse(self, reason: str, detail: str = "") -> None:
+    def refuse(
+        self,
+        refusal: Refusal,
+        detail: str = "",
+        stream: Stream | None = None,
+        stamp: int | None = None,
+    ) -> None:
         """Count a refused message; log the first of a reason, then the 10th, the 100th, ..."""
-        self._add(reason, 1, detail)
+        counts = RefusalCounts()
+        counts.add(stream, refusal, stamp)
+        self._merge(counts, detail)
 
-    def absorb(self, source: str, refused: Counter[str]) -> None:
+    def absorb(self, source: str, refused: RefusalCounts) -> None:
         """Take over what a part of the core, known by a name, has counted since the last call."""
         absorbed = self._absorbed.setdefault(source, Counter())
-        if refused != absorbed:
-            for reason, more in (refused - absorbed).items():
-                self._add(reason, more, "")
-            self._absorbed[source] = refused.copy()
+        if refused.counts != absorbed:
+            news = RefusalCounts(refused.counts - absorbed, refused.first_stamps)
+            self._absorbed[source] = refused.counts.copy()
+            self._merge(news, "")
 
-    def _add(self, reason: str, count: int, detail: str) -> None:
-        before = self.refused[reason]
-        self.refused[reason] += count
-        if len(str(before)) < len(str(before + count)) or before == 0:
-            detail = f": {detail}" if detail else ""
-            self._node.get_logger().warning(
-                f"refused {before + count} message(s) so far as {reason}{detail}"
-            )
+    def _merge(self, news: RefusalCounts, detail: str) -> None:
+        before = self.refused.counts.copy()
+        self.refused.merge(news)
+        for word in news.counts:
+            count = self.refused.counts[word]
+            if len(str(before[word])) < len(str(count)) or before[word] == 0:
+                reason = detail or refusal_of(word).text
+                self._node.get_logger().warning(
+                    f"refused {count} message(s) so far as {word}: {reason}"
+                )
 
     def _check(self) -> None:
-        subscribers = self._count_subscribers()
+        # What came up to a pause is told at once: somebody may be waiting for the last of it.
+        received = _inputs(self._received)
+        pauses = _inputs(self._last_received) != received == self._seen
+        self._seen = received
         elapsed = time.monotonic() - self._last_report
-        if elapsed >= PERIOD or subscribers != self._subscribers:
+        if elapsed >= PERIOD or pauses or self._count_subscribers() != self._subscribers:
             self.report()
 
     def _count_subscribers(self) -> dict[str, int]:
@@ -151,13 +206,16 @@ class Monitor:
             f"rate {topic} [Hz]": round((count - self._last_received[topic]) / elapsed, 3)
             for topic, count in self._received.items()
         }
+        values.update({f"received {topic}": n for topic, n in self._received.items()})
         message, own_values = self._describe()
         values.update(own_values)
         self._subscribers = self._count_subscribers()
         values.update({f"subscribers {topic}": n for topic, n in self._subscribers.items()})
-        values.update({f"refused {reason}": n for reason, n in sorted(self.refused.items())})
+        values.update({f"refused {word}": n for word, n in sorted(self.refused.counts.items())})
+        first_stamps = sorted(self.refused.first_stamps.items())
+        values.update({f"first {word} [s]": stamp_text(stamp) for word, stamp in first_stamps})
         status = conversions.status(self._node.get_fully_qualified_name(), values)
-        total = self.refused.total()
+        total = self.refused.counts.total()
         newly_refused = total - self._last_refused
         status.level = DiagnosticStatus.WARN if newly_refused else DiagnosticStatus.OK
         status.message = (
@@ -167,6 +225,18 @@ class Monitor:
         self.publish(self._publisher, conversions.status_array(stamp, [status]))
         self._last_report, self._last_refused = now, total
         self._last_received = self._received.copy()
+
+
+def _inputs(received: Counter[str]) -> int:
+    """Messages that came, without the nodes' reports, which would give rise to others."""
+    return received.total() - received[DIAGNOSTICS.name]
+
+
+def _decoded(topic: Topic, data: bytes) -> Any:
+    try:
+        return deserialize_message(data, message_class(topic.msgtype))
+    except Exception as error:  # rclpy has a class of its own for each way to fail
+        raise RefusedMessage(Refusal.UNDECODABLE) from error
 
 
 def stamp_age(node: Node, stamp: int) -> float:

@@ -3,24 +3,25 @@
 """Dead reckoning as a node: ``imu/twist`` in, ``prediction/odometry`` out."""
 
 import sys
-from collections import Counter
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning, Prediction
 from vislam_ros.core.settings import PredictionSettings
+from vislam_ros.core.tracking.refusals import Refusal, Stream
+from vislam_ros.core.tracking.stamp_pairs import StampPairs
+from vislam_ros.data.bags import decoding
+from vislam_ros.data.bags.layout import IMU, PREDICTION, TWIST, Frames
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor, stamp_age
 from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
 from vislam_ros.nodes.settings import PredictionNodeSettings
 from vislam_ros.nodes.spin import run
-from vislam_ros.nodes.stamp_pairs import StampPairs
 from vislam_ros.nodes.tf import TransformSender
 
 Array = NDArray[np.float64]
@@ -34,20 +35,20 @@ class ImuPredictionNode(Node):
         self._settings = declare_settings(self, PredictionNodeSettings)
         self.core = DeadReckoning(declare_settings(self, PredictionSettings))
         warn_of_undeclared_overrides(self)
-        self._pairs = StampPairs()
+        self._frames = Frames(odom=self._settings.odom_frame, base=self._settings.base_frame)
+        self._pairs = StampPairs(self._refuse_unpaired)
         self._latest: Prediction | None = None
         self._published = 0
         self.monitor = Monitor(self, self._describe)
         self._tf = TransformSender(self, self.monitor) if self._settings.publish_tf else None
-        self._odometry = self.monitor.advertise(Odometry, "prediction/odometry")
-        self.monitor.subscribe(TwistWithCovarianceStamped, "imu/twist", self.on_twist)
+        self._odometry = self.monitor.advertise(PREDICTION)
+        self.monitor.subscribe(TWIST, self.on_twist)
         if self._settings.angular_velocity_source == "imu":
-            self.monitor.subscribe(Imu, "imu/data", self.on_imu)
+            self.monitor.subscribe(IMU, self.on_imu)
 
     def on_twist(self, message: TwistWithCovarianceStamped) -> None:
         """Predict, at once or when the angular velocity of this stamp is here."""
-        self._check_frame("imu/twist", message)
-        stamp, twist = conversions.twist_from_message(message)
+        stamp, twist = decoding.twist(message, self._frames)
         if self._settings.angular_velocity_source == "imu":
             self._predict_pair(stamp, self._pairs.add(0, stamp, twist))
         else:
@@ -55,24 +56,21 @@ class ImuPredictionNode(Node):
 
     def on_imu(self, message: Imu) -> None:
         """Predict if the twist of this stamp is here."""
-        self._check_frame("imu/data", message)
-        stamp, omega = conversions.angular_velocity_from_imu(message)
+        stamp, omega = decoding.angular_velocity(message, self._frames)
         self._predict_pair(stamp, self._pairs.add(1, stamp, omega))
-
-    def _check_frame(self, topic: str, message: TwistWithCovarianceStamped | Imu) -> None:
-        conversions.check_frame(
-            f"{topic} header.frame_id", message.header.frame_id, self._settings.base_frame
-        )
 
     def _predict_pair(self, stamp: int, pair: tuple[Array, Array] | None) -> None:
         if pair is not None:
             twist, omega = pair
             self._predict(stamp, np.concatenate([twist[:3], omega]))
-        self.monitor.absorb("pairs", Counter(unpaired=self._pairs.unpaired))
+
+    def _refuse_unpaired(self, stream: int, stamp: int) -> None:
+        streams = (Stream.TWIST, Stream.IMU)
+        self.monitor.refuse(Refusal.UNPAIRED, stream=streams[stream], stamp=stamp)
 
     def _predict(self, stamp: int, twist: Array) -> None:
         prediction = self.core.add_twist(stamp, twist)
-        self.monitor.absorb("twist", self.core.refused)
+        self.monitor.absorb("core", self.core.refused)
         if prediction is None:
             return
         self._latest = prediction
@@ -94,7 +92,7 @@ class ImuPredictionNode(Node):
     def _describe(self) -> tuple[str, dict[str, object]]:
         latest = self._latest
         if latest is None:
-            return "waiting for imu/twist", {}
+            return f"waiting for {TWIST.name}", {}
         position_std = float(np.sqrt(np.trace(latest.covariance[:3, :3])))
         return "running", {
             "stamp age [s]": stamp_age(self, latest.stamp),

@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 import threadpoolctl
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TransformStamped, Vector3Stamped
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
-from nav_msgs.msg import Path as PathMessage
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
@@ -22,17 +20,17 @@ from vislam_ros.core.filters.quantities import GYRO_BIAS
 from vislam_ros.core.filters.registry import estimator_named
 from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import SlamStep
-from vislam_ros.data.bags import layout
+from vislam_ros.data.bags import decoding, layout
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration
+from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor
 from vislam_ros.nodes.parameters import declare_settings, declare_slam_settings
-from vislam_ros.nodes.qos import LATCHED
 from vislam_ros.nodes.settings import SlamNodeSettings, SlamOutputSettings
 from vislam_ros.nodes.slam_report import SlamReport, step_values
 from vislam_ros.nodes.spin import run
@@ -53,8 +51,13 @@ class SlamNode(Node):
         smoothable = estimator_named(slam_settings.estimator).smoothable
         record = self._settings.exact_map and smoothable
         self.core = Slam(slam_settings, given_map, record=record)
-        self._calibration: dict[str, Any] = {}
-        self._camera: StereoCamera | None = None
+        self._frames = layout.Frames(
+            self._settings.map_frame,
+            self._settings.odom_frame,
+            self._settings.base_frame,
+            self._settings.camera_frame,
+        )
+        self._calibration = Calibration(self._frames)
         self._received_at: dict[int, float] = {}
         self._last_stamp: int | None = None
         self._landmarks_published: tuple[int, float] | None = None  # data stamp, clock
@@ -62,61 +65,32 @@ class SlamNode(Node):
         self._report = SlamReport(self, self.core)
         self.monitor = Monitor(self, self._describe)
         self._tf = TransformSender(self, self.monitor)
-        self._odometry = self.monitor.advertise(Odometry, "slam/odometry")
-        self._steps = self.monitor.advertise(DiagnosticArray, "slam/steps")
-        self._gyro_bias = self.monitor.advertise(Vector3Stamped, "slam/gyro_bias")
-        self._landmarks = self.monitor.advertise(PointCloud2, "slam/landmarks", LATCHED)
-        self._paths = self.monitor.advertise(PathMessage, "slam/path")
-        self._subscribe()
+        self._odometry = self.monitor.advertise(layout.ODOMETRY)
+        self._steps = self.monitor.advertise(layout.STEPS)
+        self._gyro_bias = self.monitor.advertise(layout.GYRO_BIAS)
+        self._landmarks = self.monitor.advertise(layout.LANDMARKS)
+        self._paths = self.monitor.advertise(layout.PATH)
+        for topic in CALIBRATION_TOPICS:
+            self.monitor.subscribe(topic, functools.partial(self.on_calibration, topic))
+        self.monitor.subscribe(layout.PREDICTION, self.on_prediction)
+        self.monitor.subscribe(layout.FEATURES, self.on_features)
         self.monitor.serve("~/reset", self.reset)
         self.monitor.serve("~/publish_landmarks", self.publish_landmarks)
 
-    def _subscribe(self) -> None:
-        subscribe = self.monitor.subscribe
-        for part, topic, message_type in (
-            ("left", layout.LEFT_CAMERA, CameraInfo),
-            ("right", layout.RIGHT_CAMERA, CameraInfo),
-            ("extrinsics", layout.EXTRINSICS, TransformStamped),
-        ):
-            callback = functools.partial(self.on_calibration, part)
-            subscribe(message_type, topic.name, callback, qos_profile=LATCHED)
-        subscribe(Odometry, "prediction/odometry", self.on_prediction)
-        subscribe(PointCloud2, layout.FEATURES.name, self.on_features)
-
-    def on_calibration(self, part: str, message: CameraInfo | TransformStamped) -> None:
-        """Take a part of the calibration: ``left``, ``right`` or ``extrinsics``."""
-        if part == "extrinsics":
-            conversions.check_frame(
-                "extrinsics header.frame_id", message.header.frame_id, self._settings.base_frame
-            )
-            conversions.check_frame(
-                "extrinsics child_frame_id", message.child_frame_id, self._settings.camera_frame
-            )
-        self._calibration[part] = message
-        if len(self._calibration) < 3:
-            return
-        camera = conversions.camera_from_messages(**self._calibration)
-        if camera != self._camera:
-            self._camera = camera
+    def on_calibration(self, topic: Topic, message: CameraInfo | TransformStamped) -> None:
+        """Take a camera info or the extrinsics."""
+        camera = self._calibration.add(topic, message)
+        if camera is not None:
             self._publish(self.core.set_camera(camera))
 
     def on_prediction(self, message: Odometry) -> None:
         """Take a predicted pose."""
-        conversions.check_frame(
-            "prediction header.frame_id", message.header.frame_id, self._settings.odom_frame
-        )
-        conversions.check_frame(
-            "prediction child_frame_id", message.child_frame_id, self._settings.base_frame
-        )
-        self._publish(self.core.add_prediction(*conversions.pose_from_odometry(message)))
+        self._publish(self.core.add_prediction(*decoding.prediction(message, self._frames)))
 
     def on_features(self, message: PointCloud2) -> None:
         """Take the features of one stamp."""
         received_at = time.monotonic()
-        conversions.check_frame(
-            "features header.frame_id", message.header.frame_id, self._settings.camera_frame
-        )
-        stamp, ids, pixels = conversions.features_from_message(message)
+        stamp, ids, pixels = decoding.features(message, self._frames)
         self._received_at.setdefault(stamp, received_at)
         self._publish(self.core.add_features(stamp, ids, pixels))
 
@@ -228,10 +202,7 @@ class SlamNode(Node):
         self._path = deque(self._path, maxlen=output.path_length)
 
     def _describe(self) -> tuple[str, dict[str, object]]:
-        missing = [
-            part for part in ("left", "right", "extrinsics") if part not in self._calibration
-        ]
-        if missing:
+        if missing := self._calibration.missing():
             activity = f"waiting for calibration: {', '.join(missing)}"
         elif self._last_stamp is None:
             activity = "waiting for features and predictions"

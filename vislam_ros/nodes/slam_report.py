@@ -8,8 +8,9 @@ from rclpy.node import Node
 
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import KINDS, Row, SlamStep, StepTotals
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.results.summary import peak_rss_mb
-from vislam_ros.nodes.conversions import MessageError
+from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.nodes.diagnostics import stamp_age
 
 _LATENCY = "latency_ms"
@@ -33,16 +34,18 @@ def row_from_values(values: Mapping[str, str]) -> tuple[Row, float]:
 
     Raises
     ------
-    MessageError
+    RefusedMessage
         ``bad_fields``, where a value is missing or is no number.
     """
     if missing := KINDS.keys() - values.keys():
-        raise MessageError("bad_fields", f"slam/steps: without {', '.join(sorted(missing))}")
+        raise RefusedMessage(
+            Refusal.BAD_FIELDS, f"slam/steps: without {', '.join(sorted(missing))}"
+        )
     try:
         row = {name: _number(KINDS.get(name, float), text) for name, text in values.items()}
         return row, row.pop(_LATENCY)
     except (KeyError, ValueError) as error:
-        raise MessageError("bad_fields", f"slam/steps: {error}") from error
+        raise RefusedMessage(Refusal.BAD_FIELDS, f"slam/steps: {error}") from error
 
 
 def _number(kind: type, text: str) -> float:
@@ -74,8 +77,11 @@ class SlamReport:
             "steps": self._total,
             "frozen steps": self._frozen,
             "resets": self._core.resets,
-            "features waiting": self._core.waiting,
+            "features waiting": len(self._core.waiting),
         }
+        if self._core.waiting:
+            values["first waiting [s]"] = stamp_text(self._core.waiting[0])
+            values["waiting would be"] = self._core.waits_for.word
         if self._last is not None:
             values["stamp age [s]"] = stamp_age(self._node, self._last.stamp)
             values["active landmarks"] = self._last.active

@@ -6,12 +6,11 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
+from vislam_ros.data.bags.layout import TRANSFORMS
 from vislam_ros.nodes.diagnostics import Monitor
+from vislam_ros.nodes.topics import message_class
 
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:
-    TFMessage = None
+TFMessage = message_class(TRANSFORMS.msgtype)
 
 
 class TransformSender:
@@ -21,9 +20,11 @@ class TransformSender:
         self._monitor = monitor
         self._publisher: Publisher | None = None
         if TFMessage is None:
-            node.get_logger().info("tf2_msgs is not installed: nothing is published on /tf")
+            node.get_logger().info(
+                f"tf2_msgs is not installed: nothing is published on {TRANSFORMS.name}"
+            )
         else:
-            self._publisher = monitor.advertise(TFMessage, "/tf")
+            self._publisher = monitor.advertise(TRANSFORMS)
 
     @property
     def works(self) -> bool:

@@ -7,7 +7,11 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from signal import Signals
+from subprocess import Popen
+from typing import Any
 
 import pytest
 from places import REPOSITORY
@@ -18,12 +22,12 @@ WAIT = 60.0
 
 
 @pytest.fixture
-def start(bag):
+def start(bag: Path) -> Iterator[Callable[..., Any]]:
     """Start a player in a domain of its own."""
     with own_domain() as domain:
         started = []
 
-        def start(*flags):
+        def start(*flags: str) -> Popen[Any]:
             environment = {
                 **os.environ,
                 "ROS_DOMAIN_ID": str(domain),
@@ -45,7 +49,7 @@ def start(bag):
             process.communicate(timeout=WAIT)
 
 
-def test_it_plays_without_anybody_and_says_so(start):
+def test_it_plays_without_anybody_and_says_so(start: Callable[..., Any]) -> None:
     process = start("--rate", "0", "--wait", "0.2")
     _, errors = process.communicate(timeout=WAIT)
     assert process.returncode == 0, errors
@@ -57,7 +61,9 @@ def test_it_plays_without_anybody_and_says_so(start):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("flags", [("--wait", "1000"), ("--wait", "0", "--loop", "--rate", "0.5")])
-def test_a_signal_ends_it_at_once_and_without_a_traceback(start, number, flags):
+def test_a_signal_ends_it_at_once_and_without_a_traceback(
+    start: Callable[..., Any], number: Signals, flags: tuple[str, ...]
+) -> None:
     process = start(*flags)
     # It catches the signal from the moment in which it starts to play.
     status = Path(f"/proc/{process.pid}/status")

@@ -6,6 +6,9 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
+from signal import Signals
+from typing import Any
 
 import pytest
 
@@ -14,15 +17,17 @@ from vislam_ros.cli.main import main
 GATES = ["--set", "slam_node.chi2_gate=9,25"]
 
 
-def command(*argv):
+def command(*argv: Any) -> int:
     return main(["sweep", *map(str, argv)])
 
 
-def rows_of(directory):
+def rows_of(directory: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (directory / "runs.jsonl").read_text().splitlines()]
 
 
-def test_a_grid_over_a_drive_is_run_once_and_printed(dataset, tmp_path, capsys):
+def test_a_grid_over_a_drive_is_run_once_and_printed(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     argv = (dataset, "--out", tmp_path / "sweep", "--jobs", 1, *GATES)
     assert command(*argv, "--reference", dataset.with_suffix(".tum")) == 0
     output = capsys.readouterr().out
@@ -33,7 +38,9 @@ def test_a_grid_over_a_drive_is_run_once_and_printed(dataset, tmp_path, capsys):
     assert "2 of 2 runs are done already" in capsys.readouterr().err
 
 
-def test_a_smoothed_sweep_prints_the_smoothed_error(dataset, tmp_path, capsys):
+def test_a_smoothed_sweep_prints_the_smoothed_error(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     reference = dataset.with_suffix(".tum")
     argv = (dataset, "--out", tmp_path / "sweep", "--jobs", 1, "--reference", reference)
     assert command(*argv, "--smooth") == 0
@@ -41,7 +48,9 @@ def test_a_smoothed_sweep_prints_the_smoothed_error(dataset, tmp_path, capsys):
     assert rows_of(tmp_path / "sweep")[0]["smoothed_ate_m"] > 0
 
 
-def test_a_file_says_what_flags_say_and_flags_go_over_it(tmp_path, capsys):
+def test_a_file_says_what_flags_say_and_flags_go_over_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "sweep.yaml"
     file.write_text(
         "simulate: {steps: 20, landmarks: 50}\nseeds: 9\ngrid: {slam_node.chi2_gate: [9, 25]}\n"
@@ -70,7 +79,9 @@ def test_a_file_says_what_flags_say_and_flags_go_over_it(tmp_path, capsys):
         (["missing.npz"], "no such file"),
     ],
 )
-def test_what_cannot_be_swept_is_one_line(argv, message, tmp_path, capsys):
+def test_what_cannot_be_swept_is_one_line(
+    argv: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert command(*argv, "--out", tmp_path / "sweep") == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")
@@ -78,7 +89,9 @@ def test_what_cannot_be_swept_is_one_line(argv, message, tmp_path, capsys):
     assert not (tmp_path / "sweep").exists()
 
 
-def test_a_sweep_in_which_nothing_works_fails(tmp_path, capsys):
+def test_a_sweep_in_which_nothing_works_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     argv = (
         "--simulate",
         "--set",
@@ -91,8 +104,8 @@ def test_a_sweep_in_which_nothing_works_fails(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("way", [signal.SIGINT, signal.SIGKILL])
-def test_a_sweep_that_is_stopped_keeps_what_it_has(way, tmp_path):
-    def command_line(seeds):
+def test_a_sweep_that_is_stopped_keeps_what_it_has(way: Signals, tmp_path: Path) -> None:
+    def command_line(seeds: int) -> list[str]:
         return [
             *(sys.executable, "-m", "vislam_ros.cli.main", "sweep", "--simulate"),
             *("--out", str(tmp_path), "--seeds", str(seeds), "--jobs", "1"),

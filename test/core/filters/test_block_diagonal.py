@@ -33,7 +33,7 @@ class DenseBlockDiagonal:
             self._correct(keys, seen)
         for key, pixels in zip(frame.keys, frame.pixels, strict=True):
             if key not in self.means:
-                self._admit(key, pixels)
+                self._initialize(key, pixels)
 
     def _correct(self, keys, seen):
         H = np.zeros((3 * len(seen), len(self.P)))
@@ -56,7 +56,7 @@ class DenseBlockDiagonal:
             self.P[block, block] = P[block, block]
             self.means[key] = self.means[key] + delta[block]
 
-    def _admit(self, key, pixels):
+    def _initialize(self, key, pixels):
         position, J, noise = (a[0] for a in self.model.invert(self.T, pixels[None]))
         if self.settings.landmark_initialization == "correlated":
             covariance = J @ self.P[:6, :6] @ J.T + noise

@@ -46,7 +46,7 @@ def test_positions_and_their_covariances_follow_from_the_finite_differences():
             return positions_of(moved[None], some.T_world_body @ se3.exp(error[:6]))[0]
 
         J = difference(position, np.zeros(SMALL + 3), 1e-6)
-        assert_allclose(found.J_small[i], J[:, :SMALL], rtol=1e-5, atol=1e-6)
+        assert_allclose(found.J_vehicle[i], J[:, :SMALL], rtol=1e-5, atol=1e-6)
         assert_allclose(found.J_landmark[i], J[:, SMALL:], rtol=1e-5, atol=1e-6)
         rows = np.concatenate([np.arange(SMALL), SMALL + 3 * i + np.arange(3)])
         expected = J @ P[np.ix_(rows, rows)] @ J.T

@@ -4,20 +4,12 @@ import numpy as np
 import pytest
 from numerics import CAMERA
 from numpy.testing import assert_allclose
-from scenes import passing_scene, pixels_of
+from scenes import STANDING, frame_of, passing_scene, pixels_of
 
 from vislam_ros.core.filters.mapping import MappingFilter, MappingSettings
 from vislam_ros.core.geometry.observation import StereoObservation
-from vislam_ros.core.motion import Increment
-from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 NO_GATES = {"chi2_gate": 0.0, "pixel_gate": 0.0}
-STILL = Increment(np.eye(4), 0.1, np.zeros((6, 6)))
-
-
-def frame_of(keys, pixels):
-    nothing, no = np.empty(0, dtype=np.int64), np.zeros(len(keys), dtype=bool)
-    return TrackedFrame(np.asarray(keys), pixels, nothing, no, frozen=False)
 
 
 @pytest.mark.parametrize("initialization", ["correlated", "independent"])
@@ -62,7 +54,7 @@ def test_planar_landmarks_stay_on_the_ground_and_move_in_x_and_y():
     mapping = MappingFilter(MappingSettings(planar=True, **NO_GATES), CAMERA)
     errors = []
     for _ in range(30):
-        mapping.step(STILL, frame_of(np.arange(10), exact + rng.standard_normal(exact.shape)))
+        mapping.step(STANDING, frame_of(np.arange(10), exact + rng.standard_normal(exact.shape)))
         _, means, covariances = mapping.landmarks()
         errors.append(np.linalg.norm(means - truth))
         assert np.all(means[:, 2] == 0)
@@ -78,7 +70,7 @@ def test_map_errors_fit_their_covariances():
     exact = pixels_of(np.eye(4), truth)
     mapping = MappingFilter(MappingSettings(**NO_GATES), CAMERA)
     for _ in range(20):
-        mapping.step(STILL, frame_of(np.arange(300), exact + rng.standard_normal(exact.shape)))
+        mapping.step(STANDING, frame_of(np.arange(300), exact + rng.standard_normal(exact.shape)))
     _, means, covariances = mapping.landmarks()
     errors = means - truth
     nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)

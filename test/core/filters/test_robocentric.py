@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from dense_robocentric import BIAS, DRIFT, LENS, TWIST, DenseRobocentricFilter
 from numpy.typing import NDArray
+from scenes import STANDING, frame_of
 from tracked_drive import run, trying_drives
 
 from vislam_ros.core.filters.estimator import Outcome
@@ -17,7 +18,6 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA
 
@@ -110,11 +110,6 @@ def increment(twist: Array) -> Increment:
     return Increment(se3.exp(SECONDS * twist), SECONDS, np.zeros((6, 6)))
 
 
-def frame(keys: Keys, pixels: Array) -> TrackedFrame:
-    nothing = np.empty(0, dtype=np.int64)
-    return TrackedFrame(keys, pixels, nothing, np.zeros(len(keys), dtype=bool), False)
-
-
 def filter_that_sees(
     points_body: Array, twist: Array, steps: int, **settings: Any
 ) -> RobocentricFilter:
@@ -131,7 +126,7 @@ def filter_that_sees(
         pixels = y[in_view][:, [0, 2, 1, 2]]
         pixels += pixel_rng.standard_normal(pixels.shape)
         motion = increment(noisy) if k else dataclasses.replace(increment(noisy), duration=0.0)
-        filter_.step(motion, frame(keys[in_view], pixels))
+        filter_.step(motion, frame_of(keys[in_view], pixels))
         assert_sound(filter_)
     return filter_
 
@@ -193,7 +188,7 @@ def test_near_points_tell_the_way_gone() -> None:
     assert_better(blind, filter_that_sees(points, FORWARD, 30), slice(0, 6), 3)
 
 
-def test_a_landmark_that_the_body_passes_is_set_aside_where_it_stands() -> None:
+def test_a_landmark_that_the_body_passes_is_mapped_where_it_stands() -> None:
     beside = np.array([[9.0, 1.5, 0.5]])
     points = np.concatenate([beside, far_points(20, 60.0)])
     before = filter_that_sees(points, FORWARD, 9)
@@ -216,6 +211,29 @@ def test_too_few_observations_correct_nothing() -> None:
     assert few.active == 7
 
 
+def test_just_enough_observations_correct() -> None:
+    points = far_points(8, 40.0)
+    for least, used in [(8, 8), (9, 0)]:
+        filter_ = filter_that_sees(points, FORWARD, 5, min_observations=least, chi2_gate=0.0)
+        pixels = filter_.image_points[:, [0, 2, 1, 2]]
+        assert filter_.step(STANDING, frame_of(filter_.keys, pixels)).used == used
+
+
+def test_what_is_seen_of_a_landmark_behind_the_camera_is_rejected_and_begins_no_landmark() -> None:
+    near = np.array([[3.0, 0.5, 0.0], [4.0, -0.5, 0.0]])
+    filter_ = filter_that_sees(np.concatenate([near, far_points(20, 60.0)]), FORWARD, 1)
+    y = filter_.image_points
+    seen = np.arange(1, 22)
+    # Both are left behind by 6 m; one of them is in the frame all the same.
+    outcome = filter_.step(increment(7.5 * FORWARD), frame_of(seen, y[seen][:, [0, 2, 1, 2]]))
+    assert 1 in outcome.rejected
+    assert 0 not in outcome.rejected
+    assert outcome.admitted == 0
+    assert not {0, 1} & set(filter_.keys.tolist())
+    # Under another name it may begin.
+    assert filter_.step(STANDING, frame_of([50], y[1:2, [0, 2, 1, 2]])).admitted == 1
+
+
 def test_where_the_innovations_covariance_is_not_positive_landmarks_are_given_up() -> None:
     points = far_points(30, 40.0)
     filter_ = filter_that_sees(points, FORWARD, 10, chi2_gate=0.0)
@@ -223,15 +241,14 @@ def test_where_the_innovations_covariance_is_not_positive_landmarks_are_given_up
     # Two landmarks that are more than one: what rounding might do at its worst.
     filter_.covariance[18, 21] = filter_.covariance[21, 18] = 1e3
     pixels = filter_.image_points[:, [0, 2, 1, 2]]
-    standing = Increment(np.eye(4), 0.0, np.zeros((6, 6)))
-    outcome = filter_.step(standing, frame(filter_.keys, pixels))
+    outcome = filter_.step(STANDING, frame_of(filter_.keys, pixels))
     assert outcome.used == 0
     np.testing.assert_array_equal(np.sort(outcome.rejected), np.arange(30))
     assert filter_.active == 0
     np.testing.assert_array_equal(filter_.covariance, small)
     # It goes on with others.
     for _ in range(3):
-        outcome = filter_.step(increment(FORWARD), frame(np.arange(100, 130), pixels))
+        outcome = filter_.step(increment(FORWARD), frame_of(np.arange(100, 130), pixels))
         assert_sound(filter_)
     assert outcome.used + len(outcome.rejected) == 30
 
@@ -240,7 +257,7 @@ def test_a_non_finite_observation_is_rejected() -> None:
     filter_ = filter_that_sees(far_points(30, 40.0), FORWARD, 10)
     pixels = filter_.image_points[:, [0, 2, 1, 2]].copy()
     pixels[3, 1] = np.nan
-    outcome = filter_.step(increment(0 * FORWARD), frame(filter_.keys, pixels))
+    outcome = filter_.step(increment(0 * FORWARD), frame_of(filter_.keys, pixels))
     assert 3 in outcome.rejected
     assert_sound(filter_)
 
@@ -266,7 +283,7 @@ def test_absurd_input_leaves_the_estimate_finite(
     for _ in range(20):
         pixels = np.column_stack([u, v, u - disparity, v])
         pixels += pixel_noise * rng.standard_normal(pixels.shape)
-        filter_.step(increment(np.array(twist)), frame(np.arange(20), pixels))
+        filter_.step(increment(np.array(twist)), frame_of(np.arange(20), pixels))
         assert_sound(filter_)
 
 
@@ -285,9 +302,9 @@ def drifting(bias: Array, **settings: Any) -> RobocentricFilter:
         pixels = y[in_view][:, [0, 2, 1, 2]]
         measured = FORWARD + np.repeat([0.01, 0.002], 3) * rng.standard_normal(6)
         measured[1:3] += bias
-        step = increment(measured) if k else Increment(np.eye(4), 0.0, np.zeros((6, 6)))
+        step = increment(measured) if k else STANDING
         noisy = pixels + rng.standard_normal(pixels.shape)
-        filter_.step(step, frame(np.flatnonzero(in_view), noisy))
+        filter_.step(step, frame_of(np.flatnonzero(in_view), noisy))
     return filter_
 
 
@@ -313,7 +330,7 @@ def test_a_turning_body_may_sway_where_its_origin_is_not_on_the_axle() -> None:
     filters = [RobocentricFilter(RobocentricSettings(axle_distance=d), CAMERA) for d in (2.0, 0.0)]
     for filter_ in filters:
         for _ in range(20):
-            filter_.step(increment(turning), frame(np.arange(0), np.empty((0, 4))))
+            filter_.step(increment(turning), frame_of(np.arange(0), np.empty((0, 4))))
     errors = [abs(filter_.twist[1] - 0.8) for filter_ in filters]
     assert errors[0] < 0.85 * errors[1]
 
@@ -323,6 +340,6 @@ def test_a_vehicle_that_nobody_sees_goes_where_it_points() -> None:
     filters = [RobocentricFilter(RobocentricSettings(slip_std=s), CAMERA) for s in (0.25, 0.0)]
     for filter_ in filters:
         for _ in range(100):
-            filter_.step(increment(sideways), frame(np.arange(0), np.empty((0, 4))))
+            filter_.step(increment(sideways), frame_of(np.arange(0), np.empty((0, 4))))
     assert abs(filters[0].twist[1]) < 0.15
     assert abs(filters[1].twist[1]) > 0.25

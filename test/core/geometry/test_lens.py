@@ -7,12 +7,12 @@ from numpy.testing import assert_allclose
 from vislam_ros.core.geometry.lens import radial_shift
 
 
-def test_the_shift_is_that_of_the_first_radial_coefficient():
+def test_the_shift_is_that_of_the_first_radial_coefficient() -> None:
     y = np.array([[CAMERA.cx + 0.5 * CAMERA.fx, CAMERA.cx + 0.5 * CAMERA.fx, CAMERA.cy]])
     assert_allclose(radial_shift(CAMERA, y), [[0.125 * CAMERA.fx, 0.125 * CAMERA.fx, 0]])
 
 
-def test_the_row_takes_the_mean_of_both_images_shifts():
+def test_the_row_takes_the_mean_of_both_images_shifts() -> None:
     x_left, x_right, row = 0.4, 0.1, -0.2
     y = np.array([[x_left, x_right, row]]) * [CAMERA.fx, CAMERA.fx, CAMERA.fy]
     D = radial_shift(CAMERA, y + np.array([CAMERA.cx, CAMERA.cx, CAMERA.cy]))

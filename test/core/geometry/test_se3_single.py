@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
+from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3, se3_single
 
@@ -18,7 +19,7 @@ AXES = [np.eye(3)[k] for k in range(3)] + [
 
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("axis", AXES, ids=str)
-def test_a_single_motion_is_that_of_the_batch(angle, axis):
+def test_a_single_motion_is_that_of_the_batch(angle: float, axis: NDArray[np.float64]) -> None:
     xi = np.concatenate([[3.0, -20.0, 0.5], angle * axis])
     T = se3.exp(xi[None])
     assert_allclose(se3_single.exp(xi), T[0], rtol=0, atol=1e-14)
@@ -32,12 +33,12 @@ def test_a_single_motion_is_that_of_the_batch(angle, axis):
     assert_allclose(again, R[0], rtol=0, atol=1e-14)
 
 
-def test_a_quaternion_of_length_zero_is_no_rotation():
+def test_a_quaternion_of_length_zero_is_no_rotation() -> None:
     assert np.all(np.isnan(np.diag(se3_single.rotation_from_quaternion(np.zeros(4)))))
 
 
 @pytest.mark.parametrize("angle", [*ANGLES, 40.0])
-def test_the_right_jacobian_is_the_mean_of_the_adjoints_on_the_way_back(angle):
+def test_the_right_jacobian_is_the_mean_of_the_adjoints_on_the_way_back(angle: float) -> None:
     xi = np.concatenate([[3.0, -20.0, 0.5], angle * AXES[-1]])
     ad = np.zeros((6, 6))
     ad[:3, :3] = ad[3:, 3:] = se3.hat(xi[3:])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vislam_ros.core.linalg.gating import consensus, mahalanobis_squared, passes_gates
+from vislam_ros.core.linalg.gating import deletion_gate, mahalanobis_squared, passes_gates
 from vislam_ros.core.linalg.linear_update import diagonal_blocks
 
 
@@ -14,8 +14,8 @@ def test_the_chi_square_gate_lets_its_share_of_honest_innovations_pass():
     root = np.linalg.cholesky(covariance)
     residual = (root @ rng.standard_normal((20000, 3, 1)))[..., 0]
     # 16.27 is the 99.9 % quantile of chi-square with 3 degrees of freedom.
-    passed = passes_gates(residual, covariance, 16.27, 0.0)
-    assert 0.0003 < 1 - passed.mean() < 0.002
+    inliers = passes_gates(residual, covariance, 16.27, 0.0)
+    assert 0.0003 < 1 - inliers.mean() < 0.002
     assert abs(mahalanobis_squared(residual, covariance).mean() - 3) < 0.1
 
 
@@ -34,8 +34,8 @@ def test_the_mahalanobis_distance_is_that_of_the_inverse(rows):
 def test_the_pixel_gate_bounds_each_component():
     residual = np.array([[0.0, 4.9, 0.0], [0.0, 0.0, -5.1]])
     covariance = 100 * np.broadcast_to(np.eye(3), (2, 3, 3))
-    passed = passes_gates(residual, covariance, 0.0, 5.0)
-    assert passed.tolist() == [True, False]
+    inliers = passes_gates(residual, covariance, 0.0, 5.0)
+    assert inliers.tolist() == [True, False]
 
 
 def test_gates_at_zero_are_off():
@@ -66,9 +66,9 @@ def test_what_the_others_contradict_is_found_where_its_own_gate_is_wide_open():
     residual[wrong] += 8.0 * rng.choice([-1, 1], (3, 3))
     alone = mahalanobis_squared(residual, diagonal_blocks(S, 3))
     assert np.all(alone[wrong] < 16.27)
-    agreed = consensus(16.27, residual, np.linalg.inv(S))
-    assert np.setdiff1d(np.arange(30), agreed.kept).tolist() == wrong
-    rows = (3 * agreed.kept[:, None] + np.arange(3)).ravel()
+    agreed = deletion_gate(16.27, residual, np.linalg.inv(S))
+    assert np.setdiff1d(np.arange(30), agreed.indices).tolist() == wrong
+    rows = (3 * agreed.indices[:, None] + np.arange(3)).ravel()
     inverse = np.linalg.inv(S[np.ix_(rows, rows)])
     np.testing.assert_allclose(agreed.inverse, inverse, atol=1e-9)
     # As corrections take it.
@@ -81,11 +81,11 @@ def test_honest_innovations_are_contradicted_as_often_as_chi_square_says():
     kept = 0
     for _ in range(200):
         S, residual = shared_motion(30, rng)
-        kept += len(consensus(16.27, residual, np.linalg.inv(S)).kept)
+        kept += len(deletion_gate(16.27, residual, np.linalg.inv(S)).indices)
     assert 0.0003 < 1 - kept / 6000 < 0.003
 
 
 def test_without_a_gate_all_innovations_agree():
-    agreed = consensus(0.0, np.full((4, 3), 1e6), np.eye(12))
-    assert agreed.kept.tolist() == [0, 1, 2, 3]
-    assert len(consensus(16.27, np.empty((0, 3)), np.empty((0, 0))).kept) == 0
+    agreed = deletion_gate(0.0, np.full((4, 3), 1e6), np.eye(12))
+    assert agreed.indices.tolist() == [0, 1, 2, 3]
+    assert len(deletion_gate(16.27, np.empty((0, 3)), np.empty((0, 0))).indices) == 0

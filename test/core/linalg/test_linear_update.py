@@ -6,17 +6,18 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 
 from vislam_ros.core.linalg.linear_update import (
+    FreshMemory,
     Scratch,
     correct,
     correct_directly,
     diagonal_blocks,
     innovation_covariance,
     inverse_of_positive,
+    marginal,
     mirror_lower,
     mirror_upper,
     take,
     whitened,
-    without,
 )
 
 
@@ -34,10 +35,14 @@ def test_it_is_the_textbook_correction_made_in_place(size, rows):
     K = P @ H.T @ np.linalg.inv(S)
     expected, nis = P - K @ S @ K.T, r @ np.linalg.solve(S, r)
     corrected = P.copy()
-    delta, found = correct(corrected, S.copy(), H @ P, r)
-    assert_allclose(delta, K @ r, atol=1e-9)
+    found = correct(corrected, S.copy(), H @ P, r)
+    assert_allclose(found.delta, K @ r, atol=1e-9)
     assert_allclose(corrected, expected, atol=1e-9)
-    assert found == pytest.approx(nis)
+    assert found.nis == pytest.approx(nis)
+    L = np.tril(found.L)
+    assert_allclose(L @ L.T, S, atol=1e-9)
+    assert_allclose(L @ found.Y, H @ P, atol=1e-9)
+    assert_allclose(L @ found.whitened, r, atol=1e-9)
     assert np.array_equal(corrected, corrected.T)
 
 
@@ -87,7 +92,8 @@ def test_a_few_rows_whitened_are_the_textbook_correction():
     full = np.hstack([H, np.zeros((8, 28))])
     S = full @ P @ full.T + np.diag(noise)
     K = P @ full.T @ np.linalg.inv(S)
-    Y, white = whitened(P, H, noise, residual)
+    Y, white, L = whitened(P, H, noise, residual)
+    assert_allclose(L @ L.T, S, atol=1e-9)
     assert_allclose(P - Y.T @ Y, P - K @ S @ K.T, atol=1e-9)
     assert_allclose(white @ Y, K @ residual, atol=1e-9)
     assert white @ white == pytest.approx(residual @ np.linalg.solve(S, residual))
@@ -121,10 +127,10 @@ def test_diagonal_blocks_are_copies_of_those_of_any_view():
 def test_components_left_out_leave_the_rest_as_it_was():
     scratch = Scratch()
     P, kept = problem(9, 1)[0], np.array([0, 1, 4, 8])
-    rest = without(P, kept, scratch)
+    rest = marginal(P, kept, scratch)
     assert np.array_equal(rest, P[np.ix_(kept, kept)])
     # What comes next does not write over what it comes from.
-    assert np.array_equal(without(rest, np.arange(3), scratch), P[np.ix_(kept[:3], kept[:3])])
+    assert np.array_equal(marginal(rest, np.arange(3), scratch), P[np.ix_(kept[:3], kept[:3])])
     assert np.array_equal(rest, P[np.ix_(kept, kept)])
 
 
@@ -139,6 +145,13 @@ def test_scratch_gives_the_same_memory_again_in_every_size():
     assert np.shares_memory(large, scratch.matrix("a", 7, 5))
     assert not np.shares_memory(large, scratch.matrix("b", 7, 5))
     assert scratch.matrix("a", 100, 50).shape == (100, 50)
+
+
+def test_fresh_memory_is_never_given_twice():
+    fresh = FreshMemory()
+    assert not np.shares_memory(fresh.matrix("a", 4, 5), fresh.matrix("a", 4, 5))
+    P = problem(9, 1)[0]
+    assert not np.shares_memory(fresh.successor(P, 5), fresh.successor(P, 5))
 
 
 def test_mirroring_takes_one_triangle_at_every_size():

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 
 Array = NDArray[np.float64]
@@ -17,7 +18,7 @@ WALK = np.repeat([0.31, 0.05], 3)
 @pytest.mark.parametrize("ratio", [0.2, 1.0, 3.0])
 def test_the_walk_of_each_axis_is_found_while_vision_sees_it(ratio: float, tau: float) -> None:
     rng = np.random.default_rng(41)
-    noise = MotionNoise(TWIST, WALK)
+    noise = MotionNoise(TWIST, WALK, FrameRate())
     walk = ratio * np.array([0.3, 0.2, 0.15, 0.05, 0.05, 0.03])
     vision = 0.3 * np.sqrt(tau) * walk
     u, mean, variance = np.zeros(6), np.zeros(6), np.full(6, 100.0)
@@ -27,43 +28,86 @@ def test_the_walk_of_each_axis_is_found_while_vision_sees_it(ratio: float, tau: 
         gain = variance_before / (variance_before + vision**2)
         mean = mean + gain * (u + vision * rng.standard_normal(6) - mean)
         variance = (1 - gain) * variance_before
-        noise.learn(mean - before, variance_before, variance, np.ones(6), tau)
+        noise.update(mean - before, variance_before, variance, np.ones(6), tau)
     assert_allclose(np.sqrt(noise.walk_variance), walk, rtol=0.2)
 
 
-def test_motion_that_jerks_on_one_axis_is_not_taken_for_noise() -> None:
+@pytest.mark.parametrize("quiet", range(3))
+def test_motion_that_jerks_on_other_axes_is_not_taken_for_noise(quiet: int) -> None:
     rng = np.random.default_rng(42)
-    noise = MotionNoise(TWIST, WALK)
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    jerks = np.tile(np.arange(3) != quiet, 2)
     for _ in range(400):
         twist = 0.01 * rng.standard_normal(6)
-        twist[[2, 4]] += rng.standard_normal(2)
-        noise.hear(twist)
+        noise.add(twist + jerks * rng.standard_normal(6))
     assert_allclose(np.sqrt(noise.twist_variance), 0.01, rtol=0.25)
 
 
 def test_a_twist_that_never_changes_keeps_some_room() -> None:
-    noise = MotionNoise(TWIST, np.zeros(6))
+    noise = MotionNoise(TWIST, np.zeros(6), FrameRate())
     for _ in range(2000):
-        noise.learn(np.zeros(6), 0.1 * noise.walk_variance + 1e-12, np.zeros(6), np.ones(6), 0.1)
-    assert np.all(noise.walk_variance > 0)
+        noise.update(np.zeros(6), 0.1 * noise.walk_variance + 1e-12, np.zeros(6), np.ones(6), 0.1)
+    assert_allclose(np.sqrt(noise.walk_variance), np.repeat([3e-3, 3e-4], 3))
 
 
-def test_a_twist_that_repeats_itself_keeps_some_noise() -> None:
-    noise = MotionNoise(TWIST, WALK)
-    for _ in range(400):
-        noise.hear(np.array([1.0, 0, 0, 0, 0, 0.1]))
-    assert np.all(noise.twist_variance > 0)
+def test_a_twist_without_any_noise_keeps_some() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    for _ in range(60):
+        noise.add(np.array([1.0, 0, 0, 0, 0, 0.1]))
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.zeros(6), 0.1)
+    assert_allclose(np.sqrt(noise.twist_variance), np.repeat([1e-5, 1e-6], 3))
 
 
 def test_what_vision_sees_of_the_measured_twists_noise_counts_where_it_is_less() -> None:
-    noise = MotionNoise(TWIST, WALK)
+    noise = MotionNoise(TWIST, WALK, FrameRate())
     rng = np.random.default_rng(43)
     jerks = np.repeat([0.4, 0.04], 3)
     for _ in range(400):
-        noise.hear(jerks * rng.standard_normal(6))
+        noise.add(jerks * rng.standard_normal(6))
     for std, expected in ((0.1, 0.1), (10.0, 0.4)):
         for _ in range(3000):
             unexplained = np.repeat([std, 0.1 * std], 3) ** 2
-            noise.learn(np.zeros(6), WALK**2, 0.5 * WALK**2, unexplained, 0.1)
+            noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, unexplained, 0.1)
         levels = np.sqrt(noise.twist_variance)
         assert_allclose(levels, np.repeat([expected, 0.1 * expected], 3), rtol=0.15)
+
+
+def test_what_vision_has_seen_fades_within_half_a_minute_at_any_rate(rate: FrameRate) -> None:
+    noise, tau = MotionNoise(TWIST, WALK, rate), 1.0 / rate.hertz
+    for seconds, std in ((120, 0.1), (30, 0.2)):
+        squares = np.full(6, std**2)
+        for _ in range(seconds * rate.hertz):
+            # Vision sees all of the motion, so that the walk is the mean square of its changes.
+            before = tau * noise.walk_variance
+            noise.update(np.sqrt(tau * squares), before, np.zeros(6), 0.01 * squares, tau)
+    expected = 0.2**2 + (0.1**2 - 0.2**2) * np.exp(-1)
+    assert_allclose(noise.walk_variance, expected, rtol=0.01)
+    assert_allclose(noise.twist_variance, 0.01 * expected, rtol=0.01)
+
+
+def test_the_prior_of_the_walk_counts_as_five_steps() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    for steps in (1, 2, 3):
+        before = 0.1 * noise.walk_variance
+        noise.update(np.sqrt(0.1) * 2 * WALK, before, np.zeros(6), np.ones(6), 0.1)
+        assert_allclose(noise.walk_variance, (5 + 4 * steps) / (5 + steps) * WALK**2)
+
+
+def test_what_remains_uncertain_of_a_change_counts_with_what_is_seen_of_it() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    # Twice as much was unknown as the step has added, and half of that still is.
+    Q = 0.1 * WALK**2
+    noise.update(np.sqrt(Q), 2 * Q, Q, np.ones(6), 0.1)
+    assert_allclose(noise.walk_variance, WALK**2 * (5 + (1 / 4 + 1 - 1 / 4)) / 6)
+
+
+def test_vision_bounds_the_twists_noise_from_fifty_steps_on() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    for steps in range(1, 52):
+        # The mean over a sensor's axes, and over the steps.
+        squares = np.array([1, 2, 6, 2, 3, 4]) * (2 if steps % 2 else 1) * 1e-4
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, squares, 0.1)
+        if steps < 50:
+            assert_allclose(noise.twist_variance, TWIST**2)
+        elif steps == 50:
+            assert_allclose(noise.twist_variance, np.full(6, 4.5e-4))

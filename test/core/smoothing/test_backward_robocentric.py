@@ -40,7 +40,7 @@ def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
         stale_disparity=0.05,
         prior_pose_variance=1e-4,
     )
-    recorded = Tape(RobocentricFilter.SMALL_SIZE)
+    recorded = Tape()
     filter_ = RobocentricFilter(settings, drive.camera, recorded)
     dense = DenseRobocentricFilter(settings, drive.camera, exchange=True, clone_poses=True)
     for increment, frame, _ in run(filter_, drive, settings):
@@ -54,8 +54,8 @@ def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
     keys, positions, covariances = filter_.landmarks()
     # Those without a position have left the error state, but not for the map.
     mapped = np.isin(smoothed.keys, keys)
-    set_aside, tracked = slice(0, mapped.sum()), slice(mapped.sum(), None)
-    np.testing.assert_array_equal(smoothed.keys[mapped], keys[set_aside])
+    marginalized, tracked = slice(0, mapped.sum()), slice(mapped.sum(), None)
+    np.testing.assert_array_equal(smoothed.keys[mapped], keys[marginalized])
     for key, position, covariance in zip(
         keys.tolist(),
         np.concatenate([smoothed.positions[mapped], positions[tracked]]),
@@ -67,8 +67,8 @@ def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
         # Covariances of far landmarks are thousands of square metres.
         size = max(1.0, np.abs(exact_covariance).max())
         np.testing.assert_allclose(covariance, exact_covariance, rtol=0, atol=1e-9 * size)
-    # There was something to do: landmarks stood elsewhere when they were set aside.
-    assert np.abs(smoothed.positions[mapped] - positions[set_aside]).max() > 0.1
+    # There was something to do: landmarks stood elsewhere when they were marginalized.
+    assert np.abs(smoothed.positions[mapped] - positions[marginalized]).max() > 0.1
     assert len(keys) > 80
     assert dense.track_noise.has_offsets == (kind == "offsets")
     if kind == "white":

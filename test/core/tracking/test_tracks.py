@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vislam_ros.core.tracking.tracks import Tracks, among, slots_of
+from vislam_ros.core.tracking.tracks import Tracks, indices_of, is_member
 
 
 def frame_of(pixel_of_id):
@@ -78,6 +78,64 @@ def test_a_few_repeated_pixels_are_chance(tracks):
     assert not observe(tracks, {1: 100, 2: 201, 3: 301})[0].frozen
 
 
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.75])
+def test_exactly_the_share_of_repeated_tracks_is_not_yet_frozen(share):
+    before = {track: 100.0 * track for track in range(1, 9)}
+    for more, frozen in ((0, False), (1, True)):
+        tracks = Tracks(retire_after=1, frozen_share=share)
+        observe(tracks, before)
+        moved = int(8 * (1 - share)) - more
+        frame, _ = observe(tracks, {t: u + (t <= moved) for t, u in before.items()})
+        assert frame.frozen is frozen
+
+
+def test_the_share_is_of_the_tracks_in_both_frames_alone():
+    tracks = Tracks(retire_after=3, frozen_share=0.5)
+    observe(tracks, {1: 100, 2: 200, 3: 300, 8: 800, 9: 900})
+    observe(tracks, {1: 101, 2: 201, 3: 301})
+    # Two of three repeat their pixels; two are back and one is new.
+    frame, _ = observe(tracks, {1: 101, 2: 201, 3: 302, 4: 400, 8: 802, 9: 902})
+    assert frame.frozen
+
+
+def test_nothing_repeated_is_not_frozen_even_where_any_share_would_be():
+    tracks = Tracks(retire_after=1, frozen_share=0.0)
+    assert not observe(tracks, {1: 100})[0].frozen
+    assert not observe(tracks, {1: 101})[0].frozen
+    assert not observe(tracks, {})[0].frozen
+
+
+def test_whether_motion_is_expected_is_asked_only_where_many_pixels_repeat(tracks):
+    def asked():
+        raise AssertionError
+
+    for u in (100, 101):
+        tracks.observe(*frame_of({1: u, 2: u + 100}), asked)
+
+
+@pytest.mark.parametrize("row", range(4))
+def test_a_copy_repeats_all_four_pixels(tracks, row):
+    ids, pixels = frame_of({1: 100, 2: 200})
+    tracks.observe(ids, pixels, lambda: True)
+    moved = pixels.copy()
+    moved[:, row] += np.float32(1e-3)
+    assert not tracks.observe(ids, moved, lambda: True).frozen
+    assert tracks.observe(ids, moved, lambda: True).frozen
+
+
+def test_the_last_pixels_are_those_of_the_last_frame_alone():
+    tracks = Tracks(retire_after=3, frozen_share=0.5)
+    assert tracks.last_pixels().shape == (0, 4)
+    observe(tracks, {1: 100, 2: 200, 5: 500})
+    assert tracks.last_pixels()[:, 0].tolist() == [100, 200, 500]
+    observe(tracks, {5: 501, 1: 101})
+    assert tracks.last_pixels()[:, 0].tolist() == [101, 501]
+    observe(tracks, {2: 202})
+    assert tracks.last_pixels()[:, 0].tolist() == [202]
+    observe(tracks, {})
+    assert tracks.last_pixels().shape == (0, 4)
+
+
 def test_continuity_can_be_turned_off():
     tracks = Tracks(retire_after=1, frozen_share=None)
     _, first = observe(tracks, {1: 100, 2: 200})
@@ -111,6 +169,16 @@ def test_pixels_of_before_a_gap_are_no_copies():
     frame, second = observe(tracks, {1: 102, 2: 200})
     assert not frame.frozen
     assert second == first
+
+
+def test_a_track_that_is_back_at_its_old_pixels_is_no_copy_even_in_a_frozen_frame():
+    tracks = Tracks(retire_after=2, frozen_share=0.5)
+    _, first = observe(tracks, {1: 100, 2: 200, 3: 300})
+    observe(tracks, {1: 101, 2: 201})
+    frame, keys = observe(tracks, {1: 101, 2: 201, 3: 300})
+    assert frame.frozen
+    assert keys[3] == first[3]
+    assert frame.copied.tolist() == [key != keys[3] for key in frame.keys.tolist()]
 
 
 def test_a_rejected_point_begins_anew_when_seen_again(tracks):
@@ -154,6 +222,12 @@ def test_a_resting_track_that_jumps_to_another_point_begins_there(resting_tracks
     assert frame.copied.tolist() == [key in (keys[1], keys[2]) for key in frame.keys.tolist()]
 
 
+def test_a_track_that_has_jumped_is_followed_from_then_on(resting_tracks):
+    _, keys = observe(resting_tracks, {1: 100, 2: 200, 3: 301})
+    for k in (1, 2, 3):
+        assert observe(resting_tracks, {1: 100 + k, 2: 200 + k, 3: 301 + k})[1] == keys
+
+
 def test_an_id_that_comes_back_has_rested_enough(resting_tracks):
     observe(resting_tracks, {2: 201, 3: 301})
     assert sorted(observe(resting_tracks, {1: 102, 2: 202, 3: 302})[1]) == [1, 2, 3]
@@ -173,16 +247,16 @@ def test_an_empty_frame_is_a_frame(tracks):
 
 
 def test_slots_are_found_in_a_table_of_any_order():
-    assert slots_of(np.array([5, 2, 9]), np.array([9, 5, 7, 2])).tolist() == [1, 3, 0]
+    assert indices_of(np.array([5, 2, 9]), np.array([9, 5, 7, 2])).tolist() == [1, 3, 0]
 
 
 def test_keys_that_are_not_in_a_table_have_no_place():
     table, none = np.array([9, 5, 7, 2]), np.empty(0, dtype=np.int64)
     keys = np.array([8, 2, 10, 9, 1])
-    assert slots_of(keys, table).tolist() == [-1, 3, -1, 0, -1]
-    assert among(keys, table).tolist() == [False, True, False, True, False]
-    assert not among(keys, none).any()
-    assert slots_of(none, table).shape == (0,)
+    assert indices_of(keys, table).tolist() == [-1, 3, -1, 0, -1]
+    assert is_member(keys, table).tolist() == [False, True, False, True, False]
+    assert not is_member(keys, none).any()
+    assert indices_of(none, table).shape == (0,)
 
 
 def test_a_track_out_of_sight_keeps_its_key_until_it_is_retired():

@@ -4,7 +4,9 @@
 
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,14 +34,14 @@ def recorded_elsewhere(bag: Path) -> Path:
     return bag
 
 
-def test_a_bag_as_written_is_intact(bag):
+def test_a_bag_as_written_is_intact(bag: Path) -> None:
     report = require_intact(bag)
     assert report.intact
     assert report.notes == ()
 
 
 @pytest.mark.skipif(shutil.which("sha256sum") is None, reason="needs sha256sum")
-def test_sha256sum_reads_the_checksums(bag):
+def test_sha256sum_reads_the_checksums(bag: Path) -> None:
     done = subprocess.run(
         ["sha256sum", "--strict", "-c", "SHA256SUMS"], cwd=bag, capture_output=True, check=False
     )
@@ -48,7 +50,7 @@ def test_sha256sum_reads_the_checksums(bag):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_flipped_byte_is_found_anywhere(bag, name):
+def test_a_flipped_byte_is_found_anywhere(bag: Path, name: str) -> None:
     file = bag / name
     whole = file.read_bytes()
     rng = np.random.default_rng(7)
@@ -67,7 +69,7 @@ def test_a_flipped_byte_is_found_anywhere(bag, name):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
-def test_a_cut_off_bag_is_named_and_refused(bag, share):
+def test_a_cut_off_bag_is_named_and_refused(bag: Path, share: float) -> None:
     file = bag / "bag.mcap"
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
     assert verify_bag(bag).faults == ("bag.mcap: does not match its checksum in SHA256SUMS",)
@@ -77,13 +79,13 @@ def test_a_cut_off_bag_is_named_and_refused(bag, share):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_missing_file_is_named(bag, name):
+def test_a_missing_file_is_named(bag: Path, name: str) -> None:
     (bag / name).unlink()
     (fault,) = verify_bag(bag).faults
     assert fault.startswith(f"{name}: is missing")
 
 
-def test_an_additional_file_is_named(bag):
+def test_an_additional_file_is_named(bag: Path) -> None:
     (bag / "more").mkdir()
     (bag / "more" / "file").write_text("")
     assert verify_bag(bag).faults == ("more/file: is not listed in SHA256SUMS",)
@@ -103,7 +105,7 @@ def test_an_additional_file_is_named(bag):
         lambda _: "",
     ],
 )
-def test_checksums_must_be_as_written(bag, change):
+def test_checksums_must_be_as_written(bag: Path, change: Callable[..., Any]) -> None:
     file = bag / "SHA256SUMS"
     file.write_bytes(change(file.read_text()).encode())
     report = verify_bag(bag)
@@ -111,7 +113,7 @@ def test_checksums_must_be_as_written(bag, change):
     assert all("SHA256SUMS" in fault for fault in report.faults)
 
 
-def test_all_faults_are_listed_and_the_error_counts_them(bag):
+def test_all_faults_are_listed_and_the_error_counts_them(bag: Path) -> None:
     (bag / "bag.mcap").write_bytes(b"")
     (bag / "metadata.yaml").unlink()
     assert len(verify_bag(bag).faults) == 2
@@ -120,7 +122,7 @@ def test_all_faults_are_listed_and_the_error_counts_them(bag):
 
 
 @pytest.mark.parametrize("bare", [False, True])
-def test_a_bag_from_elsewhere_is_checked_by_its_structure(bag, bare):
+def test_a_bag_from_elsewhere_is_checked_by_its_structure(bag: Path, bare: bool) -> None:
     recorded_elsewhere(bag)
     path = bag / "bag.mcap" if bare else bag
     report = require_intact(path)
@@ -130,7 +132,7 @@ def test_a_bag_from_elsewhere_is_checked_by_its_structure(bag, bare):
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.9, 0.999])
 @pytest.mark.parametrize("bare", [False, True])
-def test_a_cut_off_bag_from_elsewhere_is_refused(bag, bare, share):
+def test_a_cut_off_bag_from_elsewhere_is_refused(bag: Path, bare: bool, share: float) -> None:
     recorded_elsewhere(bag)
     file = bag / "bag.mcap"
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
@@ -138,14 +140,14 @@ def test_a_cut_off_bag_from_elsewhere_is_refused(bag, bare, share):
         require_intact(file if bare else bag)
 
 
-def test_a_bag_from_elsewhere_without_its_storage_file_is_refused(bag):
+def test_a_bag_from_elsewhere_without_its_storage_file_is_refused(bag: Path) -> None:
     recorded_elsewhere(bag)
     (bag / "bag.mcap").unlink()
     with pytest.raises(VislamError, match="missing"):
         require_intact(bag)
 
 
-def test_crcs_of_a_bag_from_elsewhere_are_checked(tmp_path):
+def test_crcs_of_a_bag_from_elsewhere_are_checked(tmp_path: Path) -> None:
     file = tmp_path / "recorded.mcap"
     with file.open("wb") as stream:
         writer = McapWriter(stream, compression=CompressionType.NONE)
@@ -164,7 +166,7 @@ def test_crcs_of_a_bag_from_elsewhere_are_checked(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["nothing", "folder", "file"])
-def test_what_is_no_bag_is_said_in_one_line(tmp_path, kind):
+def test_what_is_no_bag_is_said_in_one_line(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "thing"
     if kind == "folder":
         path.mkdir()

@@ -17,9 +17,10 @@ from mcap.reader import make_reader
 from places import REPOSITORY
 
 from vislam_ros import __version__
+from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
 from vislam_ros.data.bags.integrity import file_sha256, require_intact
 from vislam_ros.data.bags.layout import FEATURES, GROUND_TRUTH, TOPICS, Frames
-from vislam_ros.data.bags.reader import BagMessages, is_bag, read_drive
+from vislam_ros.data.bags.reader import read_passes
 from vislam_ros.data.bags.writer import write_bag
 from vislam_ros.data.drive import Drive
 from vislam_ros.errors import VislamError
@@ -158,7 +159,7 @@ def test_extrinsics_are_a_transform_and_also_a_static_one(bag, small_drive):
 
 
 def test_frames_can_be_named(small_drive, tmp_path):
-    write_bag(small_drive, tmp_path / "bag", frames=Frames("world", "imu", "left"))
+    write_bag(small_drive, tmp_path / "bag", frames=Frames("world", "start", "imu", "left"))
     (extrinsics,) = decoded(tmp_path / "bag", "/stereo/extrinsics")
     assert (extrinsics.header.frame_id, extrinsics.child_frame_id) == ("imu", "left")
     truth = decoded(tmp_path / "bag", "/ground_truth/odometry")[0]
@@ -203,7 +204,7 @@ def test_an_existing_output_is_refused_and_kept(bag, small_drive):
 
 def test_force_replaces_a_bag(bag, small_drive):
     write_bag(replace(small_drive, name="another"), bag, force=True)
-    assert read_drive(bag).name == "another"
+    assert read_passes(bag)[0].name == "another"
     assert list(bag.parent.iterdir()) == [bag]
 
 
@@ -259,7 +260,7 @@ import sys
 from pathlib import Path
 from vislam_ros.data.bags import writer
 from vislam_ros.data.files import whole_directory
-from vislam_ros.data.bags.reader import read_drive
+from vislam_ros.data.bags.reader import read_passes
 
 def wait_for_the_kill(*_):
     print("reached", flush=True)
@@ -275,7 +276,7 @@ elif moment == "checksums":
     writer.write_checksums = wait_for_the_kill
 elif moment == "rename":
     whole_directory._put_in_place = wait_for_the_kill
-writer.write_bag(read_drive(source), output, force=True, progress=progress)
+writer.write_bag(read_passes(source)[0], output, force=True, progress=progress)
 """
 
 
@@ -284,7 +285,7 @@ writer.write_bag(read_drive(source), output, force=True, progress=progress)
 def test_a_killed_conversion_leaves_nothing_that_looks_whole(bag, tmp_path, moment, replacing):
     output = tmp_path / "killed" / "out"
     if replacing:
-        write_bag(replace(read_drive(bag), name="the old one"), output)
+        write_bag(replace(read_passes(bag)[0], name="the old one"), output)
     child = subprocess.Popen(
         [sys.executable, "-c", CONVERSION_TO_KILL, moment, str(bag), str(output)],
         stdin=subprocess.PIPE,
@@ -299,7 +300,7 @@ def test_a_killed_conversion_leaves_nothing_that_looks_whole(bag, tmp_path, mome
 
     if replacing:
         require_intact(output)
-        assert read_drive(output).name == "the old one"
+        assert read_passes(output)[0].name == "the old one"
     else:
         assert not output.exists()
     (remains,) = output.parent.glob(".out.*.partial/out")
@@ -308,7 +309,7 @@ def test_a_killed_conversion_leaves_nothing_that_looks_whole(bag, tmp_path, mome
         with pytest.raises(VislamError, match="SHA256SUMS: is missing"):
             require_intact(remains)
 
-    write_bag(read_drive(bag), output, force=True)
+    write_bag(read_passes(bag)[0], output, force=True)
     require_intact(output)
 
 

@@ -7,13 +7,17 @@ import io
 import os
 import pickle
 from collections import OrderedDict
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as st_numpy
+from numpy import ndarray
+from numpy.typing import NDArray
 
 from vislam_ros.data.datasets.restricted_pickle import load_plain
 from vislam_ros.errors import VislamError
@@ -21,17 +25,17 @@ from vislam_ros.errors import VislamError
 PROTOCOLS = range(pickle.HIGHEST_PROTOCOL + 1)
 
 
-def read(data: bytes):
+def read(data: bytes) -> Any:
     return load_plain(io.BytesIO(data), "drive.npy")
 
 
 class Calls:
     """Pickles as a call of ``function(*arguments)``."""
 
-    def __init__(self, function, *arguments):
+    def __init__(self, function: Callable[..., Any] | type[ndarray], *arguments: Any) -> None:
         self.reduced = (function, arguments)
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Callable[..., Any] | type[ndarray], tuple[Any, ...]]:
         return self.reduced
 
 
@@ -44,7 +48,9 @@ class Calls:
     transposed=st.booleans(),
 )
 @settings(deadline=None, max_examples=30)
-def test_an_array_comes_back_as_it_was(protocol, array, transposed):
+def test_an_array_comes_back_as_it_was(
+    protocol: int, array: NDArray[Any], transposed: bool
+) -> None:
     array = array.T if transposed else array
     read_back = read(pickle.dumps({"K": array}, protocol=protocol))["K"]
     assert read_back.dtype == array.dtype
@@ -52,7 +58,7 @@ def test_an_array_comes_back_as_it_was(protocol, array, transposed):
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_what_numpy_saves_comes_back(protocol):
+def test_what_numpy_saves_comes_back(protocol: int) -> None:
     content = {"K": np.eye(3), "b": np.float64(0.5), "names": np.array(["a", "bc"])}
     saved = pickle.dumps(np.array(content, dtype=object), protocol=protocol)
     read_back = read(saved)
@@ -62,7 +68,7 @@ def test_what_numpy_saves_comes_back(protocol):
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_plain_containers_come_back(protocol):
+def test_plain_containers_come_back(protocol: int) -> None:
     content = {
         "a": [1, 2.5, None, True],
         "b": ("x", b"y"),
@@ -75,7 +81,7 @@ def test_plain_containers_come_back(protocol):
     assert read(pickle.dumps(content, protocol=protocol)) == content
 
 
-def test_both_names_of_numpys_core_are_known():
+def test_both_names_of_numpys_core_are_known() -> None:
     saved = pickle.dumps(np.arange(3.0), protocol=0)
     old = saved.replace(b"numpy._core.", b"numpy.core.")
     new = saved.replace(b"numpy.core.", b"numpy._core.")
@@ -83,7 +89,7 @@ def test_both_names_of_numpys_core_are_known():
     np.testing.assert_array_equal(read(old), read(new))
 
 
-def test_a_pickle_of_python_2_is_read():
+def test_a_pickle_of_python_2_is_read() -> None:
     # What Python 2 wrote for {'b': numpy.array([0.5])}: names and bytes are both of type str.
     saved = (
         b"\x80\x02}U\x01bcnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85U\x01b"
@@ -93,11 +99,11 @@ def test_a_pickle_of_python_2_is_read():
     np.testing.assert_array_equal(read(saved)["b"], [0.5])
 
 
-def test_dtypes_come_back():
+def test_dtypes_come_back() -> None:
     assert read(pickle.dumps({"a": np.dtype(">f4")})) == {"a": np.dtype(">f4")}
 
 
-def test_big_endian_arrays_keep_their_values():
+def test_big_endian_arrays_keep_their_values() -> None:
     array = np.array([1.0, 2.0], dtype=">f8")
     np.testing.assert_array_equal(read(pickle.dumps(array)), [1.0, 2.0])
 
@@ -116,8 +122,8 @@ def test_big_endian_arrays_keep_their_values():
     ids=["os.system", "eval", "Path.touch", "numpy.load", "getattr"],
 )
 def test_a_pickle_that_calls_something_is_refused_and_nothing_runs(
-    tmp_path, protocol, wrap, call, named
-):
+    tmp_path: Path, protocol: int, wrap: Callable[..., Any], call: Callable[..., Any], named: str
+) -> None:
     mark = tmp_path / "ran"
     data = pickle.dumps(wrap(call(mark)), protocol=protocol)
     with pytest.raises(VislamError, match=named) as caught:
@@ -139,19 +145,19 @@ def test_a_pickle_that_calls_something_is_refused_and_nothing_runs(
     ],
     ids=["objects", "nested objects", "fields", "dates", "masked", "ndarray"],
 )
-def test_arrays_that_are_not_plain_are_refused(value, named):
+def test_arrays_that_are_not_plain_are_refused(value: Any, named: str) -> None:
     with pytest.raises(VislamError, match=named):
         read(pickle.dumps(value))
 
 
-def test_a_refused_name_cannot_break_the_line():
+def test_a_refused_name_cannot_break_the_line() -> None:
     data = b"\x80\x04\x8c\x03a\nb\x8c\x03c\nd\x93."
     with pytest.raises(VislamError) as caught:
         read(data)
     assert "\n" not in str(caught.value)
 
 
-def test_a_pickle_cannot_alter_the_functions_it_may_call():
+def test_a_pickle_cannot_alter_the_functions_it_may_call() -> None:
     # BUILD with attributes on numpy._core.multiarray.scalar.
     data = (
         b"\x80\x04\x8c\x16numpy._core.multiarray\x8c\x06scalar\x93N}\x8c\x08functionK\x01s\x86b."
@@ -161,7 +167,7 @@ def test_a_pickle_cannot_alter_the_functions_it_may_call():
     assert read(pickle.dumps(np.float64(2.0))) == 2.0
 
 
-def test_an_array_with_too_few_bytes_is_refused():
+def test_an_array_with_too_few_bytes_is_refused() -> None:
     data = pickle.dumps(np.arange(4.0), protocol=2).replace(b"K\x04\x85", b"K\x09\x85")
     with pytest.raises(VislamError, match="damaged"):
         read(data)
@@ -169,7 +175,7 @@ def test_an_array_with_too_few_bytes_is_refused():
 
 @given(cut=st.integers(0, 200), flip=st.integers(0, 255))
 @settings(deadline=None, max_examples=200)
-def test_damage_raises_no_other_error(cut, flip):
+def test_damage_raises_no_other_error(cut: int, flip: int) -> None:
     data = bytearray(pickle.dumps({"K": np.eye(2), "b": np.float64(1.0)}, protocol=4))
     data[cut % len(data)] ^= flip
     with contextlib.suppress(VislamError):
@@ -178,7 +184,7 @@ def test_damage_raises_no_other_error(cut, flip):
 
 @given(length=st.integers(0, 100))
 @settings(deadline=None, max_examples=50)
-def test_a_cut_off_pickle_is_refused(length):
+def test_a_cut_off_pickle_is_refused(length: int) -> None:
     data = pickle.dumps({"K": np.eye(2)}, protocol=4)
     with pytest.raises(VislamError, match="cut off or damaged"):
         read(data[:length])

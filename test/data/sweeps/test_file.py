@@ -1,18 +1,20 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
+from pathlib import Path
+
 import pytest
 
-from vislam_ros.data.sweeps.file import read_sweep_file, swept_values
+from vislam_ros.data.sweeps.file import SweepFile, read_sweep_file, swept_values
 from vislam_ros.errors import VislamError
 
 
-def read(tmp_path, text):
+def read(tmp_path: Path, text: str) -> SweepFile:
     path = tmp_path / "sweep.yaml"
     path.write_text(text)
     return read_sweep_file(path)
 
 
-def test_a_file_describes_a_sweep_with_paths_relative_to_it(tmp_path):
+def test_a_file_describes_a_sweep_with_paths_relative_to_it(tmp_path: Path) -> None:
     described = read(
         tmp_path,
         """
@@ -37,13 +39,13 @@ seeds: 3
     }
 
 
-def test_an_empty_simulate_simulates_with_its_defaults(tmp_path):
+def test_an_empty_simulate_simulates_with_its_defaults(tmp_path: Path) -> None:
     described = read(tmp_path, "simulate:\nseeds: [7, 3, 7]\n")
     assert described.simulate == {}
     assert described.seeds == (7, 3)
 
 
-def test_equal_values_are_swept_once():
+def test_equal_values_are_swept_once() -> None:
     assert swept_values([9, 9.0, True, 1, [1, 2], [1, 2]]) == (9.0, True, 1, (1, 2))
 
 
@@ -60,6 +62,6 @@ def test_equal_values_are_swept_once():
         ("seeds: true\n", "is neither"),
     ],
 )
-def test_a_wrong_file_is_refused_by_name(tmp_path, text, message):
+def test_a_wrong_file_is_refused_by_name(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(VislamError, match=rf"sweep\.yaml: .*{message}"):
         read(tmp_path, text)

@@ -1,10 +1,12 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from vislam_ros.data.drive import Drive
 from vislam_ros.data.sweeps.log import SweepLog, identity_of
 from vislam_ros.data.sweeps.run import SweepInputs
 from vislam_ros.errors import VislamError
@@ -13,7 +15,7 @@ IDENTITY = {"drive": "one", "sha256": "1"}
 ROW = {"key": "a", "ate_m": 0.1, "error": None}
 
 
-def test_rows_are_there_for_the_next_call_and_the_last_one_counts(tmp_path):
+def test_rows_are_there_for_the_next_call_and_the_last_one_counts(tmp_path: Path) -> None:
     with SweepLog(tmp_path / "sweep", IDENTITY) as log:
         log.append(ROW)
         log.append({**ROW, "key": "b"})
@@ -22,7 +24,7 @@ def test_rows_are_there_for_the_next_call_and_the_last_one_counts(tmp_path):
         assert log.rows == {"a": {**ROW, "ate_m": 0.2}, "b": {**ROW, "key": "b"}}
 
 
-def test_a_line_that_a_kill_cut_short_is_dropped(tmp_path):
+def test_a_line_that_a_kill_cut_short_is_dropped(tmp_path: Path) -> None:
     with SweepLog(tmp_path, IDENTITY) as log:
         log.append(ROW)
         log.append({**ROW, "key": "b"})
@@ -35,7 +37,7 @@ def test_a_line_that_a_kill_cut_short_is_dropped(tmp_path):
         assert list(log.rows) == ["a", "c"]
 
 
-def test_a_damaged_line_is_named(tmp_path):
+def test_a_damaged_line_is_named(tmp_path: Path) -> None:
     with SweepLog(tmp_path, IDENTITY) as log:
         log.append(ROW)
     with (tmp_path / "runs.jsonl").open("a") as file:
@@ -44,7 +46,7 @@ def test_a_damaged_line_is_named(tmp_path):
         SweepLog(tmp_path, IDENTITY)
 
 
-def test_another_sweep_is_refused_and_with_force_replaced(tmp_path):
+def test_another_sweep_is_refused_and_with_force_replaced(tmp_path: Path) -> None:
     with SweepLog(tmp_path, IDENTITY) as log:
         log.append(ROW)
     (tmp_path / "notes.txt").write_text("mine")
@@ -55,14 +57,14 @@ def test_another_sweep_is_refused_and_with_force_replaced(tmp_path):
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_a_directory_of_other_things_is_refused(tmp_path):
+def test_a_directory_of_other_things_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(VislamError, match="holds no sweep"):
         SweepLog(tmp_path, IDENTITY)
     assert not (tmp_path / "runs.jsonl").exists()
 
 
-def test_two_sweeps_never_write_to_one_directory(tmp_path):
+def test_two_sweeps_never_write_to_one_directory(tmp_path: Path) -> None:
     with (
         SweepLog(tmp_path, IDENTITY),
         pytest.raises(VislamError, match="another sweep is writing"),
@@ -72,7 +74,7 @@ def test_two_sweeps_never_write_to_one_directory(tmp_path):
         pass
 
 
-def test_a_drive_is_known_by_its_content_and_not_by_its_name(small_drive):
+def test_a_drive_is_known_by_its_content_and_not_by_its_name(small_drive: Drive) -> None:
     here = identity_of(SweepInputs(small_drive))["sha256"]
     renamed = dataclasses.replace(small_drive, name="other", notes=())
     moved = dataclasses.replace(small_drive, pixels=small_drive.pixels + np.float32(1))

@@ -38,7 +38,7 @@ def wait_for_end(pid: int) -> None:
         time.sleep(0.02)
 
 
-def test_every_task_has_its_result_or_its_error_even_when_a_process_dies():
+def test_every_task_has_its_result_or_its_error_even_when_a_process_dies() -> None:
     tasks = [1, 2, -WRONG, 3, -MURDEROUS, 4, 5]
     outcomes = dict(in_processes(scaled, 10, tasks, jobs=2))
     assert sorted(outcomes) == list(range(len(tasks)))
@@ -47,15 +47,16 @@ def test_every_task_has_its_result_or_its_error_even_when_a_process_dies():
     assert isinstance(outcomes[4], BrokenProcessPool)
 
 
-def test_closing_the_results_ends_the_processes():
+def test_closing_the_results_ends_the_processes() -> None:
     outcomes = in_processes(process_id, None, range(100), jobs=1)
     with closing(outcomes):
         _, pid = next(outcomes)
+        assert isinstance(pid, int)
         assert pid != os.getpid()
     wait_for_end(pid)
 
 
-def test_a_killed_parent_leaves_no_process(tmp_path):
+def test_a_killed_parent_leaves_no_process(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(PARENT)
     with subprocess.Popen(
@@ -70,7 +71,7 @@ def test_a_killed_parent_leaves_no_process(tmp_path):
     wait_for_end(worker)
 
 
-def test_dask_gives_the_same_results():
+def test_dask_gives_the_same_results() -> None:
     distributed = pytest.importorskip("distributed", reason="needs the extra dask")
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
@@ -80,13 +81,13 @@ def test_dask_gives_the_same_results():
     assert isinstance(outcomes[1], ValueError)
 
 
-def test_without_dask_or_its_scheduler_one_line_tells(monkeypatch):
+def test_without_dask_or_its_scheduler_one_line_tells(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(VislamError, match="pip install"):
         next(on_dask(scaled, 10, [1], "tcp://127.0.0.1:1"))
 
 
-def test_an_address_without_scheduler_is_named(monkeypatch):
+def test_an_address_without_scheduler_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="needs the extra dask")
     monkeypatch.setattr("vislam_ros.data.sweeps.worker_pool._CONNECT_SECONDS", 0.5)
     with pytest.raises(VislamError, match=r"tcp://127\.0\.0\.1:1: no Dask scheduler"):

@@ -3,6 +3,8 @@
 """The player's schedule: absolute, and obedient at once."""
 
 import threading
+from typing import Any
+from unittest.mock import patch
 
 import pytest
 
@@ -15,27 +17,28 @@ WAIT = 20.0
 class FakeTime:
     """Wall time that passes only when somebody waits."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.now = 100.0
 
-    def __call__(self):
+    def __call__(self) -> float:
         return self.now
 
 
-def make_clock(rate, **options):
+def make_clock(rate: float, **options: Any) -> tuple[PlaybackClock, FakeTime]:
     """Make a clock whose waits take no time; each oversleeps by 3 ms, as real ones do."""
     wall = FakeTime()
     clock = PlaybackClock(rate, now=wall, **options)
 
-    def wait(seconds):
-        wall.now += seconds + 0.003
+    def wait(timeout: float | None = None) -> bool:
+        wall.now += timeout + 0.003
+        return False
 
-    clock.condition.wait = wait
+    clock.condition.wait = wait  # type: ignore[method-assign]
     return clock, wall
 
 
 @pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
-def test_lateness_does_not_add_up(rate):
+def test_lateness_does_not_add_up(rate: float) -> None:
     clock, wall = make_clock(rate)
     clock.start(7 * SECOND)
     for k in range(1000):
@@ -45,14 +48,14 @@ def test_lateness_does_not_add_up(rate):
         assert 0.0 <= wall.now - (100.0 + 0.1 * k / rate) < 0.0031
 
 
-def test_at_rate_0_everything_is_due():
+def test_at_rate_0_everything_is_due() -> None:
     clock, wall = make_clock(0.0)
     clock.start(0)
     assert clock.wait(10**18)
     assert wall.now == 100.0
 
 
-def test_the_time_of_a_pause_is_left_out():
+def test_the_time_of_a_pause_is_left_out() -> None:
     clock, wall = make_clock(2.0)
     clock.start(0)
     wall.now += 1.0
@@ -69,7 +72,7 @@ def test_the_time_of_a_pause_is_left_out():
     assert clock.seconds_paused() == 50.0
 
 
-def test_after_steps_the_rest_keeps_its_distance():
+def test_after_steps_the_rest_keeps_its_distance() -> None:
     clock, wall = make_clock(1.0, paused=True)
     clock.start(0)
     for stamp in (0, SECOND):
@@ -83,19 +86,19 @@ def test_after_steps_the_rest_keeps_its_distance():
     assert wall.now - resumed == pytest.approx(2.0, abs=0.01)
 
 
-def test_a_step_lets_through_all_up_to_its_end():
+def test_a_step_lets_through_all_up_to_its_end() -> None:
     clock, _ = make_clock(1.0)
     clock.start(0)
     clock.step()
     for stamp, ends_step in ((5 * SECOND, False), (6 * SECOND, False), (7 * SECOND, True)):
         assert clock.wait(stamp)
         clock.sent(stamp, ends_step=ends_step)
-    clock.condition.wait = lambda _: clock.interrupt()  # it waits again
-    assert not clock.wait(8 * SECOND)
+    with patch.object(clock.condition, "wait", lambda _: clock.interrupt()):  # it waits again
+        assert not clock.wait(8 * SECOND)
 
 
 @pytest.mark.parametrize("wake", ["resume", "step", "interrupt"])
-def test_a_waiting_thread_obeys_at_once(wake):
+def test_a_waiting_thread_obeys_at_once(wake: str) -> None:
     clock = PlaybackClock(1.0, paused=True)
     clock.start(0)
     answers = []
@@ -106,7 +109,7 @@ def test_a_waiting_thread_obeys_at_once(wake):
     assert answers == [wake != "interrupt"]
 
 
-def test_an_interrupt_ends_a_wait_for_a_condition():
+def test_an_interrupt_ends_a_wait_for_a_condition() -> None:
     clock = PlaybackClock(1.0)
     waiting = threading.Thread(target=clock.wait_for, args=(lambda: False, 1000.0))
     waiting.start()

@@ -35,7 +35,7 @@ except ZeroDivisionError:
 """
 
 
-def test_keys_are_heard_and_the_terminal_is_restored_after_an_error():
+def test_keys_are_heard_and_the_terminal_is_restored_after_an_error() -> None:
     controller, terminal = os.openpty()
     before = termios.tcgetattr(terminal)
     child = subprocess.Popen(
@@ -60,7 +60,7 @@ def test_keys_are_heard_and_the_terminal_is_restored_after_an_error():
         os.close(terminal)
 
 
-def test_without_a_terminal_nothing_is_watched(monkeypatch):
+def test_without_a_terminal_nothing_is_watched(monkeypatch: pytest.MonkeyPatch) -> None:
     with Path(os.devnull).open() as nothing:
         monkeypatch.setattr(sys, "stdin", nothing)
         with watch_keys({}) as watched:
@@ -68,7 +68,9 @@ def test_without_a_terminal_nothing_is_watched(monkeypatch):
 
 
 @pytest.mark.parametrize("stdin", [None, object()])
-def test_a_strange_standard_input_is_no_terminal(monkeypatch, stdin):
+def test_a_strange_standard_input_is_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, stdin: object | None
+) -> None:
     monkeypatch.setattr(sys, "stdin", stdin)
     with watch_keys({}) as watched:
         assert not watched

@@ -45,3 +45,27 @@ def test_after_a_stall_answers_are_expected_again_with_the_next_one(window):
     window.acknowledge(40)
     assert window.answered
     assert (window.sent, window.acknowledged) == (4, 1)
+
+
+def test_frames_that_the_graph_refused_are_no_longer_waited_for(window):
+    window.settle(taken=3, waiting=1)
+    assert (window.acknowledged, window.waiting) == (2, 1)
+    assert window.has_taken_all()
+    window.add(40)
+    assert not window.has_taken_all()
+    window.settle(taken=3, waiting=1)
+    assert window.waiting == 2
+
+
+def test_an_answer_from_a_new_pass_counts_for_what_was_left_of_the_old_one(window):
+    window.add(1)
+    window.add(2)
+    window.acknowledge(1)
+    assert (window.acknowledged, window.waiting) == (4, 1)
+
+
+def test_a_frame_without_a_stamp_holds_nobody_up(window):
+    window.add(None)
+    window.add(40)
+    window.acknowledge(40)
+    assert window.waiting == 0

@@ -3,7 +3,7 @@
 """Whether a drive's NEES is the filter's or luck: the same drive, with its noise drawn anew.
 
 A drive is one draw of its noise, and the error of a filter wanders slowly, so a drive has but a
-few independent values of it. The reference tells the true twists and, of each track, the true
+few independent values of it. The reference gives the true twists and, of each track, the true
 point. With new white noise on them, as large as the drive's own, NEES and ATE show their spread
 (the parametric bootstrap: Efron and Tibshirani, *An Introduction to the Bootstrap*, 1993, chapter
 6). All else stays as it is: the motion, which track is seen when, where its point is, the frozen
@@ -36,7 +36,7 @@ from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 
-# Tracks at least this long tell the noise of the pixels, if it is not so many times the usual.
+# The noise of the pixels is that of tracks at least this long, and at most so often the usual.
 _LONG, _UNUSUAL = 5, 3.0
 # A track whose errors are so many times as large as the noise fits no point.
 _GROSS = 5.0
@@ -98,7 +98,7 @@ class NoiseRedrawn:
         self.redrawn_share = redrawn / len(drive.pixels)
 
     def draw(self, rng: np.random.Generator, *, twists: bool) -> Drive:
-        """Give the drive other pixels and, if told to, other twists."""
+        """Give the drive other pixels and, on request, other twists."""
         pixels = self._drive.pixels.astype(float)
         # In the order of beginning: what a track repeats has been drawn before it.
         for track in self._tracks:
@@ -200,7 +200,7 @@ def _tracks(
     settings: SlamSettings,
     observation: StereoObservation,
 ) -> list[_Track]:
-    """All tracks, in the order of beginning, with their points where the reference tells them."""
+    """All tracks, in the order of beginning, with their points where the reference gives them."""
     poses = _poses(drive, reference)
     moving = moving_steps(poses)
     table = Tracks(1, settings.frozen_share if settings.track_continuity else None)

@@ -86,10 +86,10 @@ class MonteCarlo:
     Parameters
     ----------
     slam_settings, prediction_settings : SlamSettings, PredictionSettings
-        The estimator is set here, and so is what the joint filter is told of the twist's noise;
+        The estimator is set here, and so is the noise of the twist that the joint filter is given;
         the robocentric one finds it.
     on_progress : callable
-        Hears what is run next.
+        Called with what is run next.
     """
 
     def __init__(

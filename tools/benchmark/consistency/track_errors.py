@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the disparities of a drive's tracks err, and whether their errors stay.
 
-The smoothed motion and the left pixels of a track tell where its point lies, and so what its
+The smoothed motion and the left pixels of a track determine where its point lies, and so what its
 disparity should be in every frame; the right pixels have no part in that. What is measured beside
 it is the error, by the age of the track.
 """
@@ -27,7 +27,7 @@ from vislam_ros.data.solving import smoothed_trajectory
 
 Array = NDArray[np.float64]
 
-#: Bounds of the disparities by which tracks are told apart, pixels.
+#: Bounds of the disparities by which tracks are grouped, pixels.
 BOUNDS = (0.0, 5.0, 10.0, 20.0, 60.0)
 
 # Frames that a track must have, and the frame to which its first error is compared.

@@ -174,7 +174,7 @@ class BatchProblem:
         seen = self.residuals(state)
         length = np.sqrt(np.sum(seen.residual**2, axis=1))
         loss = np.where(length < _HUBER, 0.5 * length**2, _HUBER * (length - 0.5 * _HUBER))
-        # What has passed the camera may not be had for nothing.
+        # A landmark behind the camera may not be free of cost.
         loss[seen.weight == 0] = 0.5 * _HUBER**2
         of_twists = sum(np.sum(part**2) for part in self.twist_residuals(state).residual)
         return float(np.sum(loss) + 0.5 * of_twists)
@@ -192,7 +192,7 @@ class BatchProblem:
         scale = problem.pixel_std[:, None]
         return Residuals(
             residual=residual,
-            weight=seen.ahead * np.minimum(1.0, _HUBER / np.maximum(length, _HUBER)),
+            weight=seen.ahead.astype(float) * np.minimum(1.0, _HUBER / np.maximum(length, _HUBER)),
             by_point=seen.F_y / scale,
             by_pose=by_pose / scale,
             by_anchor=by_anchor / scale,
@@ -321,10 +321,10 @@ def optimise(
     max_iterations : int
     """
     state, costs, converged = start, [problem.cost(start)], False
-    small = 6 * (problem.steps - 1) + 3
+    motion = 6 * (problem.steps - 1) + 3
     while not converged and len(costs) <= max_iterations:
         delta = problem.newton_step(state)
-        converged = bool(np.max(np.abs(delta[:small])) < tolerance)
+        converged = bool(np.max(np.abs(delta[:motion])) < tolerance)
         for halvings in range(_HALVINGS):
             moved = problem.moved(state, delta, 0.5**halvings)
             cost = problem.cost(moved)

@@ -51,9 +51,9 @@ class PeerComparison:
     reference : Trajectory
     slam_settings, prediction_settings : SlamSettings, PredictionSettings
     pixel_std : float
-        Noise of a pixel coordinate that the peers are told.
+        Noise of a pixel coordinate that the peers are given.
     on_progress : callable
-        Hears what is run next.
+        Called with what is run next.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class PeerComparison:
         )
 
     def run(self, *, every: bool = True) -> dict[str, Any]:
-        """Run the peers; return what they were told, and a row for each run.
+        """Run the peers; return what they were given, and a row for each run.
 
         Parameters
         ----------
@@ -98,9 +98,9 @@ class PeerComparison:
                     row["times_ours"] = row["step_ms"] / own["step_ms"]
         return {
             "steps": self._problem.steps,
-            "told_velocity_noise_std": self._twist_noise[0],
-            "told_angular_velocity_noise_std": self._twist_noise[1],
-            "told_pixel_noise_std": self._pixel_std,
+            "given_velocity_noise_std": self._twist_noise[0],
+            "given_angular_velocity_noise_std": self._twist_noise[1],
+            "given_pixel_noise_std": self._pixel_std,
             "given_gyro_bias": self._bias.tolist(),
             "runs": rows,
         }

@@ -161,7 +161,7 @@ class GtsamFactors:
 
 
 class GraphGrowth:
-    """Makes, step by step, what a graph must be told anew.
+    """Makes, step by step, what is new to a graph.
 
     A landmark enters with its second observation, for one alone says nothing of the poses.
 

@@ -14,8 +14,8 @@ from rclpy.utilities import try_shutdown
 
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.screen import progress_bar
+from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.integrity import require_intact
-from vislam_ros.data.bags.reader import BagMessages
 from vislam_ros.nodes.player.keys import RIGHT_ARROW, SPACE, watch_keys
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
 from vislam_ros.nodes.player.player import Player

@@ -13,26 +13,28 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from vislam_ros.cli.domain import own_domain
+from vislam_ros.cli.ending import PassResults, print_passes, require_complete
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters, shared_file
 from vislam_ros.cli.processes import Child, Children
 from vislam_ros.cli.reading import conventions, print_notes, use_format
-from vislam_ros.cli.screen import print_summary, progress_bar
+from vislam_ros.cli.screen import progress_bar
+from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
 from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.bags.layout import FEATURES
-from vislam_ros.data.bags.reader import BagMessages, is_bag
+from vislam_ros.data.bags.reader import ReadingRules, check_readable
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.parameter_file import write_parameters
 from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.data.results.summary import RunSummary, read_summary
-from vislam_ros.data.results.writer import refuse_used
+from vislam_ros.data.results.writer import pass_directories, refuse_used
 from vislam_ros.errors import VislamError
 
 NODES = ("imu_prediction_node", "slam_node", "recorder_node")
@@ -54,31 +56,31 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_used(results, force=arguments.force)
     error: BaseException | None = None
     with _interruptible(), tempfile.TemporaryDirectory(prefix="vislam_run_") as scratch:
-        bag = _bag(arguments, Path(scratch))
+        bag = _bag(arguments, parameters.reading, Path(scratch))
         _claim(results)
         try:
             _run_graph(bag, results, parameters, arguments.rate, Path(scratch))
-            _draw(results)
         except (KeyboardInterrupt, VislamError) as caught:
             error = caught
-        summary = _end_summary(results, started, arguments.data.stem)
-    if summary:
-        print_summary(f"{summary['drive']} in {arguments.out}", summary)
+        passes = _end_summaries(results, started, arguments.data.stem)
+    print_passes(passes)
     if isinstance(error, KeyboardInterrupt):
         print(f"interrupted: what there is stands in {results}", file=sys.stderr)
         return INTERRUPTED
     if error is not None:
         raise error
-    if not summary.get("complete"):
-        raise VislamError(f"{results}: incomplete: {summary.get('incomplete_reason')}")
+    require_complete(passes)
+    for directory, _ in passes:
+        _draw(directory)
     return OK
 
 
 def _claim(directory: Path) -> None:
     """Make the result directory with its folder of logs."""
     try:
-        # It must not be taken for the one that the recorder is going to write.
-        (directory / "summary.json").unlink(missing_ok=True)
+        # They must not be taken for those that the recorder is going to write.
+        for folder in pass_directories(directory):
+            (folder / "summary.json").unlink(missing_ok=True)
         (directory / "log").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise VislamError(
@@ -107,10 +109,11 @@ def _ignore_interrupts() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def _bag(arguments: argparse.Namespace, scratch: Path) -> Path:
-    """Return the bag to play: the one given or one made of the dataset given."""
+def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> Path:
+    """Return the bag to play: the one given, if the nodes can use it, or one of the dataset."""
     if is_bag(arguments.data):
         require_intact(arguments.data)
+        check_readable(arguments.data, rules=rules)
         return Path(arguments.data).resolve()
     use_format(arguments)
     bag = scratch / arguments.data.stem
@@ -119,6 +122,7 @@ def _bag(arguments: argparse.Namespace, scratch: Path) -> Path:
             arguments.data,
             bag,
             conventions=conventions(arguments),
+            frames=rules.frames,
             progress=lambda share: update(share, ""),
         )
     print_notes(drive)
@@ -157,10 +161,10 @@ def _run_graph(
                 ],
             )
             with progress_bar("running", frames) as update:
-                _watch(nodes, player, results / "summary.json", update)
+                _watch(nodes, player, results, update)
         except (KeyboardInterrupt, VislamError):
             _ignore_interrupts()
-            _part(children, results / "summary.json")
+            _part(children, results)
             raise
         finally:
             children.end()
@@ -188,9 +192,9 @@ def _ros_environment(log_folder: Path) -> Iterator[dict[str, str]]:
 
 
 def _watch(
-    nodes: list[Child], player: Child, summary_file: Path, update: Callable[[float, str], None]
+    nodes: list[Child], player: Child, results: Path, update: Callable[[float, str], None]
 ) -> None:
-    """Wait until the recorder says how the run ended.
+    """Wait until the recorder says how the run ended, with its last pass.
 
     Raises
     ------
@@ -199,9 +203,11 @@ def _watch(
     """
     player_ended: float | None = None
     while True:
-        summary = _peek(summary_file)
-        update(summary.get("steps", 0), f"{summary.get('landmarks') or 0} landmarks")
-        if _is_settled(summary):
+        summaries = _summaries(results)
+        steps = sum(summary["steps"] for _, summary in summaries)
+        if summaries:
+            update(steps, f"{summaries[-1][1]['landmarks'] or 0} landmarks")
+        if _is_settled(summaries):
             player.wait(_PARTING_SECONDS)
             return
         for child in nodes:
@@ -211,53 +217,59 @@ def _watch(
             raise player.died()
         if player.exit_code == OK:
             player_ended = player_ended or time.monotonic()
-            patience = _SETTLING_SECONDS + _SETTLING_SECONDS_A_STEP * summary.get("steps", 0)
+            patience = _SETTLING_SECONDS + _SETTLING_SECONDS_A_STEP * steps
             if time.monotonic() - player_ended > patience:
                 raise VislamError(f"recorder_node did not come to its end in {patience:.0f} s")
         time.sleep(_POLL_SECONDS)
 
 
-def _part(children: Children, summary_file: Path) -> None:
+def _part(children: Children, results: Path) -> None:
     """Let the player say good-bye and the recorder hear it, if they are at work at all."""
-    if not (_peek(summary_file).get("steps") and children.all_alive()):
+    summaries = _summaries(results)
+    if not (summaries and summaries[0][1]["steps"] and children.all_alive()):
         return
     children.last.ask_to_end()
     end = time.monotonic() + _PARTING_SECONDS
-    while time.monotonic() < end and not _is_settled(_peek(summary_file)):
+    while time.monotonic() < end and not _is_settled(_summaries(results)):
         time.sleep(_POLL_SECONDS)
 
 
-def _peek(summary_file: Path) -> Mapping[str, Any]:
-    """Summary as it stands; empty while there is none."""
-    try:
-        return read_summary(summary_file)
-    except VislamError:
-        return {}
+def _summaries(results: Path) -> list[PassResults]:
+    """Summaries as they stand, of each pass that there is so far."""
+    summaries: list[PassResults] = []
+    for directory in pass_directories(results):
+        with suppress(VislamError):
+            summaries.append((directory, read_summary(directory / "summary.json")))
+    return summaries
 
 
-def _is_settled(summary: Mapping[str, Any]) -> bool:
-    return bool(summary) and (
-        summary["complete"] or summary["incomplete_reason"] != RunSummary.incomplete_reason
-    )
+def _is_settled(summaries: list[PassResults]) -> bool:
+    """Whether the newest pass has ended; one that begins is there before the last one ends."""
+    if not summaries:
+        return False
+    _, newest = summaries[-1]
+    return bool(newest["complete"] or newest["incomplete_reason"] != RunSummary.incomplete_reason)
 
 
-def _end_summary(results: Path, started: float, drive: str) -> Mapping[str, Any]:
-    """Put into the summary what the recorder cannot know, and return it."""
-    file = results / "summary.json"
-    summary = dict(_peek(file))
-    if summary:
-        summary["drive"] = summary["drive"] or drive
-        summary["total_s"] = time.monotonic() - started
-        replace_file(file, (json.dumps(summary, indent=2) + "\n").encode("utf-8"))
-    return summary
+def _end_summaries(results: Path, started: float, drive: str) -> list[PassResults]:
+    """Put into the summaries what the recorder cannot know, and return them."""
+    total_s = time.monotonic() - started
+    ended: list[PassResults] = [
+        (directory, {**summary, "drive": summary["drive"] or drive, "total_s": total_s})
+        for directory, summary in _summaries(results)
+    ]
+    for directory, summary in ended:
+        content = json.dumps(summary, indent=2) + "\n"
+        replace_file(directory / "summary.json", content.encode("utf-8"))
+    return ended
 
 
-def _draw(results: Path) -> None:
+def _draw(directory: Path) -> None:
     # Not needed before the end, and slow to import.
     from vislam_ros.data.pictures.results import plot_results
     from vislam_ros.data.results.reader import read_results
 
     try:
-        plot_results(read_results(results), force=True)
+        plot_results(read_results(directory), force=True)
     except VislamError as error:
         print(f"warning: no picture: {error}", file=sys.stderr)

@@ -6,16 +6,19 @@ import argparse
 import dataclasses
 import time
 
+from vislam_ros.cli.ending import PassResults, print_passes, require_complete
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
 from vislam_ros.cli.reading import read_input
-from vislam_ros.cli.screen import print_summary, progress_bar
+from vislam_ros.cli.screen import progress_bar
 from vislam_ros.core.filters.dead_reckoning import Prediction
 from vislam_ros.core.filters.registry import estimator_named
 from vislam_ros.core.step import SlamStep
+from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.results.completeness import shortfall
 from vislam_ros.data.results.summary import peak_rss_mb
-from vislam_ros.data.results.writer import ResultWriter, refuse_used
+from vislam_ros.data.results.writer import ResultWriter, pass_directory, refuse_used
 from vislam_ros.data.solving import Solution, solve
 
 
@@ -27,20 +30,33 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.smooth:
         estimator_named(parameters.slam.estimator).require_smoothable()
     refuse_used(arguments.out, force=arguments.force)
-    drive = read_input(arguments)
-    with ResultWriter(arguments.out, force=arguments.force, started=started) as writer:
-        writer.summary.drive = drive.name
-        writer.set_parameters(_as_used(parameters))
-        solution = _solve(drive, parameters, writer, smooth=arguments.smooth)
-        writer.set_landmarks(solution.landmarks)
-        if solution.smoothed is not None and solution.smoothed.covariances is not None:
-            writer.set_smoothed(solution.smoothed, solution.smoothed.covariances)
-        writer.summary.refused = solution.summary["refused"]
-        writer.summary.resets = solution.summary["resets"]
-        writer.summary.peak_rss_mb = peak_rss_mb()
-        writer.finish(complete=True)
-    print_summary(f"{drive.name} in {arguments.out}", writer.summary.as_dict())
+    results: list[PassResults] = []
+    refused = RefusalCounts()
+    for number, drive in enumerate(read_input(arguments, parameters.reading), start=1):
+        directory = pass_directory(arguments.out, number)
+        with ResultWriter(directory, force=arguments.force, started=started) as writer:
+            writer.summary.drive = drive.name
+            writer.set_parameters(_as_used(parameters))
+            solution = _solve(drive, parameters, writer, smooth=arguments.smooth)
+            refused.merge(solution.refused)
+            _finish(writer, solution, refused)
+        results.append((directory, writer.summary.as_dict()))
+    print_passes(results)
+    require_complete(results)
     return OK
+
+
+def _finish(writer: ResultWriter, solution: Solution, refused: RefusalCounts) -> None:
+    """Write what stands at the end of a pass, with all that was refused up to there."""
+    writer.set_landmarks(solution.landmarks)
+    if solution.smoothed is not None and solution.smoothed.covariances is not None:
+        writer.set_smoothed(solution.smoothed, solution.smoothed.covariances)
+    summary = writer.summary
+    summary.set_refused(refused)
+    summary.resets = solution.summary["resets"]
+    summary.peak_rss_mb = peak_rss_mb()
+    reason = shortfall(len(solution.trajectory), summary.refused, summary.refused_first)
+    writer.finish(complete=reason is None, incomplete_reason=reason)
 
 
 def _solve(

@@ -118,7 +118,9 @@ def _inputs(
     if described.simulate is not None:
         return SweepInputs(given_map=given_map, smooth=arguments.smooth)
     reference = read_tum(described.reference) if described.reference else None
-    drive = read_input(arguments)
+    drive, *others = read_input(arguments, parameters.reading)
+    if others:
+        print(f"note: only the first of {len(others) + 1} passes is solved", file=sys.stderr)
     return SweepInputs(drive, reference or drive.ground_truth, given_map, arguments.smooth)
 
 

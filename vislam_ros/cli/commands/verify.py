@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from vislam_ros.cli.exit_codes import FAILED, OK
+from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import verify_bag
-from vislam_ros.data.bags.reader import is_bag
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.errors import VislamError
 

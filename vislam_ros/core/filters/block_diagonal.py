@@ -1,11 +1,11 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The report's separated filter (eq. 72): pose and landmarks without cross-covariance.
+"""The report's separated filter (eq. 20 and 72): pose and landmarks without cross-covariance.
 
-It corrects with the joint innovation covariance and then forgets what correlates pose and
-landmarks. Without correlations every matrix is a sum of small blocks: with ``D = H_L P_L H_L^T +
-R``, one block a landmark, the innovation covariance is ``S = D + H_p Sigma H_p^T`` and Woodbury's
-identity gives all that is needed of its inverse.
+It corrects with the joint innovation covariance (eq. 69-71) and then forgets what correlates pose
+and landmarks. Without correlations every matrix is a sum of small blocks: with ``D = H_L P_L H_L^T
++ R``, one block a landmark, the innovation covariance is ``S = D + H_p Sigma H_p^T``, and the
+identity of Woodbury gives all that is needed of its inverse.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from vislam_ros.core.linalg.pose_update import corrected_by_information
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.settings import setting
 from vislam_ros.core.tracking.tracked_frame import Keys
-from vislam_ros.core.tracking.tracks import slots_of
+from vislam_ros.core.tracking.tracks import indices_of
 
 Array = NDArray[np.float64]
 
@@ -42,18 +42,18 @@ class BlockDiagonalFilter(IndependentLandmarkFilter):
 
     def _correct(self, keys: Keys, pixels: Array) -> Outcome:
         landmarks = self._landmarks
-        slots = slots_of(keys, landmarks.keys)
+        slots = indices_of(keys, landmarks.keys)
         predicted = self._observation.predict(self.T_world_body, landmarks.means[slots])
         residual = self._observation.rows(pixels) - predicted.z
         H_p, H_L, P = predicted.H_pose, predicted.H_landmark, landmarks.covariances[slots]
         Sigma = self.pose_covariance
         D = H_L @ P @ np.swapaxes(H_L, -1, -2) + self._observation.noise
         S_blocks = D + H_p @ Sigma @ np.swapaxes(H_p, -1, -2)
-        passed = predicted.visible & passes_gates(
+        inliers = predicted.visible & passes_gates(
             residual, S_blocks, self._settings.chi2_gate, self._settings.pixel_gate
         )
-        slots, residual, D = slots[passed], residual[passed, :, None], D[passed]
-        H_p, H_L, P = H_p[passed], H_L[passed], P[passed]
+        slots, residual, D = slots[inliers], residual[inliers, :, None], D[inliers]
+        H_p, H_L, P = H_p[inliers], H_L[inliers], P[inliers]
 
         D_inverse_H_p = np.linalg.solve(D, H_p)
         D_inverse_r = np.linalg.solve(D, residual)
@@ -72,7 +72,7 @@ class BlockDiagonalFilter(IndependentLandmarkFilter):
         self.T_world_body = self.T_world_body @ se3.exp(delta_pose)
         self.pose_covariance = Sigma_plus
         nis = float(np.sum(residual * S_inverse_r))
-        return Outcome(len(slots), rejected=keys[~passed], nis=nis, nis_dof=residual.size)
+        return Outcome(len(slots), rejected=keys[~inliers], nis=nis, nis_dof=residual.size)
 
 
 register_estimator(

@@ -1,8 +1,11 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Dead reckoning: twist samples summed up to a pose, the report's eq. 51-52."""
+"""Dead reckoning: twist samples summed up to a pose.
 
-from collections import Counter
+The report's prediction (eq. 10-13 and 48-52): ``T <- T Exp(tau u)`` and ``P <- F P F^T + W`` with
+``F = Ad(Exp(-tau u))``.
+"""
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +16,13 @@ from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.motion import Increment, process_covariance, propagate, symmetrized
 from vislam_ros.core.settings import PredictionSettings, SlamSettings, setting
-from vislam_ros.core.tracking.time_order import Refusal, TimeOrder
+from vislam_ros.core.tracking.refusals import (
+    RefusalCounts,
+    RefusedMessage,
+    Stream,
+    check_twist,
+)
+from vislam_ros.core.tracking.time_order import TimeOrder
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 
 Array = NDArray[np.float64]
@@ -47,7 +56,7 @@ class Prediction:
 
 
 class DeadReckoning:
-    """Pose from twists alone. It never hears of corrections: it is the ``odom`` frame.
+    """Pose from twists alone. It never takes a correction: it is the ``odom`` frame.
 
     A twist holds over the interval that ends at its stamp, so the first one only starts the
     clock: the pose begins at the identity.
@@ -56,7 +65,7 @@ class DeadReckoning:
     def __init__(self, settings: PredictionSettings):
         self._settings = settings
         self._order = TimeOrder(settings.time_jump)
-        self.refused: Counter[str] = Counter()
+        self.refused = RefusalCounts()
         self.resets = 0
         self._start()
 
@@ -64,12 +73,6 @@ class DeadReckoning:
         self._stamp: int | None = None
         self._T = np.eye(4)
         self._covariance = self._settings.prior_pose_variance * np.eye(6)
-
-    def reset(self) -> None:
-        """Begin anew at the identity with the next twist."""
-        self._order.reset()
-        self._start()
-        self.resets += 1
 
     def add_twist(self, stamp: int, twist: ArrayLike) -> Prediction | None:
         """Carry the pose to a stamp.
@@ -87,17 +90,15 @@ class DeadReckoning:
             None where the twist is refused; ``refused`` counts why.
         """
         twist = np.asarray(twist, dtype=float)
-        reason = self._order.refusal(stamp)
-        if twist.shape != (6,):
-            reason = Refusal.WRONG_SIZE
-        elif not np.all(np.isfinite(twist)):
-            reason = Refusal.NON_FINITE
-        if reason is not None:
-            self.refused[reason.value] += 1
+        try:
+            check_twist(twist)
+            jumps = self._order.enter(stamp)
+        except RefusedMessage as error:
+            self.refused.add(Stream.TWIST, error.refusal, stamp)
             return None
-        if self._order.is_jump(stamp):
-            self.reset()
-        self._order.accept(stamp)
+        if jumps:
+            self._start()
+            self.resets += 1
         duration = 0.0 if self._stamp is None else (stamp - self._stamp) * 1e-9
         if self._stamp is not None:
             step = Increment(

@@ -24,7 +24,7 @@ class Outcome:
     used, admitted : int
         Observations that corrected the state, and those that began a landmark.
     rejected : ndarray of int64, (n,)
-        Keys of the landmarks whose observation failed a gate; the filter has set them aside.
+        Keys of the landmarks whose observation failed a gate; the filter has marginalized them.
     nis : float
         Normalised innovation squared of the used observations together.
     nis_dof : int
@@ -50,7 +50,7 @@ class Outcome:
 
 
 class Estimator(Protocol):
-    """A filter: it is told of motions and frames, and can be asked for its estimate."""
+    """A filter: it takes motions and frames, and can be asked for its estimate."""
 
     T_world_body: Array
     """Pose (4, 4) of the body in the world."""
@@ -65,7 +65,7 @@ class Estimator(Protocol):
 
     @property
     def landmark_count(self) -> int:
-        """Number of landmarks, set aside ones included."""
+        """Number of landmarks, marginalized ones included."""
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
         """Carry the estimate over a motion, then take the frame seen at its end."""

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """From image points to the map: world positions of landmarks that the robocentric filter holds.
 
-Setting a landmark aside costs the filter's step a few copies; its position in the world is
-worked out when somebody asks for the map, for all that are waiting at once.
+Marginalizing a landmark costs the filter's step a few copies; its position in the world is worked
+out when somebody asks for the map, for all that are waiting at once. Triangulation and the way to
+the world are the report's eq. 4-5.
 """
 
 import math
@@ -14,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.compiled import compiled
+from vislam_ros.core.filters.robocentric_model import POSE_AND_LENS, SIZE
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.motion import symmetrized
+from vislam_ros.core.operations.marginalization import WorldPositions
 from vislam_ros.core.tracking.tracked_frame import Keys
 
 Array = NDArray[np.float64]
@@ -41,7 +44,7 @@ class ImagePoints:
         D(y) delta_kappa`` (see lens).
     cross : ndarray, (m, 3, 7)
         Covariances with the errors of the pose and of the lens.
-    small : ndarray, (7, 7) or (m, 7, 7)
+    pose_and_lens : ndarray, (7, 7) or (m, 7, 7)
         Covariance of these.
     T_world_body : ndarray, (4, 4) or (m, 4, 4)
     """
@@ -49,7 +52,7 @@ class ImagePoints:
     y: Array
     own: Array
     cross: Array
-    small: Array
+    pose_and_lens: Array
     T_world_body: Array
 
     def of(self, chosen: NDArray[np.bool_]) -> "ImagePoints":
@@ -67,7 +70,7 @@ class Positions(NamedTuple):
     means : ndarray, (m, 3)
         Metres.
     covariances : ndarray, (m, 3, 3)
-    J_small : ndarray, (m, 3, 7)
+    J_vehicle : ndarray, (m, 3, 7)
         Derivative by the errors of pose and lens.
     J_landmark : ndarray, (m, 3, 3)
         Derivative by the image point.
@@ -75,7 +78,7 @@ class Positions(NamedTuple):
 
     means: Array
     covariances: Array
-    J_small: Array
+    J_vehicle: Array
     J_landmark: Array
 
 
@@ -103,7 +106,7 @@ def world_positions(camera: StereoCamera, points: ImagePoints) -> Positions:
     J_s[:, :, -1] = (J_y @ radial_shift(camera, y)[..., None])[..., 0]
     mixed = J_y @ points.cross @ np.swapaxes(J_s, -1, -2)
     covariances = (
-        J_s @ points.small @ np.swapaxes(J_s, -1, -2)
+        J_s @ points.pose_and_lens @ np.swapaxes(J_s, -1, -2)
         + mixed
         + np.swapaxes(mixed, -1, -2)
         + J_y @ points.own @ np.swapaxes(J_y, -1, -2)
@@ -111,8 +114,20 @@ def world_positions(camera: StereoCamera, points: ImagePoints) -> Positions:
     return Positions(means, symmetrized(covariances), J_s, J_y)
 
 
+def positions_of_all(
+    camera: StereoCamera, points: ImagePoints, mapped: NDArray[np.bool_]
+) -> WorldPositions:
+    """Positions of landmarks (m,), and zeros for those that have none, by the whole state."""
+    known = world_positions(camera, points.of(mapped))
+    means, J_landmark = np.zeros((len(mapped), 3)), np.zeros((len(mapped), 3, 3))
+    J_vehicle = np.zeros((len(mapped), 3, SIZE))
+    means[mapped], J_landmark[mapped] = known.means, known.J_landmark
+    J_vehicle[np.ix_(mapped, np.arange(3), POSE_AND_LENS)] = known.J_vehicle
+    return WorldPositions(means, J_vehicle, J_landmark)
+
+
 class ImagePointMap:
-    """Landmarks that were set aside as image points.
+    """Landmarks that were marginalized as image points.
 
     Parameters
     ----------
@@ -152,6 +167,6 @@ class ImagePointMap:
             y=np.concatenate([points.y for points in batches]),
             own=np.concatenate([points.own for points in batches]),
             cross=np.concatenate([points.cross for points in batches]),
-            small=np.repeat([points.small for points in batches], counts, axis=0),
+            pose_and_lens=np.repeat([points.pose_and_lens for points in batches], counts, axis=0),
             T_world_body=np.repeat([points.T_world_body for points in batches], counts, axis=0),
         )

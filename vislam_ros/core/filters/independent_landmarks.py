@@ -1,6 +1,9 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""World-frame landmarks whose covariances are kept one by one, without correlations."""
+"""World-frame landmarks whose covariances are kept one by one, without correlations.
+
+The report's landmarks m (eq. 2 and 40), initialized by eq. 4-5.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +18,7 @@ from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.motion import Increment, propagate, symmetrized
 from vislam_ros.core.settings import setting
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
-from vislam_ros.core.tracking.tracks import among
+from vislam_ros.core.tracking.tracks import is_member
 
 Array = NDArray[np.float64]
 
@@ -31,7 +34,7 @@ class IndependentLandmarkSettings(WorldLandmarkSettings):
 
 
 class IndependentLandmarks:
-    """The tracked landmarks of a filter, and those it has set aside.
+    """The tracked landmarks of a filter, and those it has marginalized.
 
     Attributes
     ----------
@@ -44,31 +47,31 @@ class IndependentLandmarks:
     def __init__(self, settings: IndependentLandmarkSettings, observation: StereoObservation):
         self._settings = settings
         self._observation = observation
-        self._retired = LandmarkStore()
+        self._marginalized = LandmarkStore()
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.means: Array = np.empty((0, 3))
         self.covariances: Array = np.empty((0, 3, 3))
 
     @property
     def count(self) -> int:
-        """Number of landmarks, set aside ones included."""
-        return self._retired.count + len(self.keys)
+        """Number of landmarks, marginalized ones included."""
+        return self._marginalized.count + len(self.keys)
 
     def has_depth(self, pixels: Array) -> NDArray[np.bool_]:
         """Tell which observations (n, 4) have disparity enough for a position."""
         return pixels[:, 0] - pixels[:, 2] >= self._settings.min_disparity
 
-    def retire(self, keys: Keys) -> None:
-        """Set landmarks aside as they stand."""
-        gone = among(self.keys, keys)
-        self._retired.add(self.keys[gone], self.means[gone], self.covariances[gone])
+    def marginalize(self, keys: Keys) -> None:
+        """Keep landmarks as they stand; they are corrected no more."""
+        gone = is_member(self.keys, keys)
+        self._marginalized.add(self.keys[gone], self.means[gone], self.covariances[gone])
         self.keys, self.means = self.keys[~gone], self.means[~gone]
         self.covariances = self.covariances[~gone]
 
-    def admit(
+    def initialize(
         self, keys: Keys, pixels: Array, T_world_body: Array, pose_covariance: Array
     ) -> None:
-        """Begin landmarks at their first observation.
+        """Add landmarks at their first observation (eq. 4-5).
 
         With ``landmark_initialization: correlated`` the pose's covariance adds to theirs, though
         not the correlation, which this filter cannot hold.
@@ -88,8 +91,8 @@ class IndependentLandmarks:
         self.covariances = np.concatenate([self.covariances, covariances])
 
     def all(self) -> tuple[Keys, Array, Array]:
-        """Keys (M,), means (M, 3) and covariances (M, 3, 3), set aside ones included."""
-        keys, means, covariances = self._retired.all()
+        """Keys (M,), means (M, 3) and covariances (M, 3, 3), marginalized ones included."""
+        keys, means, covariances = self._marginalized.all()
         return (
             np.concatenate([keys, self.keys]),
             np.concatenate([means, self.means]),
@@ -126,22 +129,25 @@ class IndependentLandmarkFilter:
 
     @property
     def landmark_count(self) -> int:
-        """Number of landmarks, set aside ones included."""
+        """Number of landmarks, marginalized ones included."""
         return self._landmarks.count
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
-        """Move, correct by the landmarks seen again, and admit the new ones."""
+        """Predict (eq. 51-52), marginalize, correct and initialize."""
         landmarks = self._landmarks
         self.T_world_body = self.T_world_body @ increment.T
         self.pose_covariance = symmetrized(propagate(self.pose_covariance, increment))
-        landmarks.retire(frame.ended)
-        known = among(frame.keys, landmarks.keys)
+        landmarks.marginalize(frame.ended)
+        known = is_member(frame.keys, landmarks.keys)
         usable = landmarks.has_depth(frame.pixels)
         seen, new = known & usable, ~known & usable
         outcome = self._correct(frame.keys[seen], frame.pixels[seen])
-        landmarks.retire(outcome.rejected)
-        landmarks.admit(
-            frame.keys[new], frame.pixels[new], self.T_world_body, self._admission_covariance()
+        landmarks.marginalize(outcome.rejected)
+        landmarks.initialize(
+            frame.keys[new],
+            frame.pixels[new],
+            self.T_world_body,
+            self._initialization_covariance(),
         )
         return replace(outcome, admitted=int(new.sum()))
 
@@ -153,6 +159,6 @@ class IndependentLandmarkFilter:
         """Correct by the observations (n, 4) of tracked landmarks (n,)."""
         raise NotImplementedError
 
-    def _admission_covariance(self) -> Array:
+    def _initialization_covariance(self) -> Array:
         """Covariance (6, 6) of the pose, as far as it is part of a new landmark's."""
         return self.pose_covariance

@@ -1,13 +1,21 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The report's joint EKF (eq. 62-71): pose and world-frame landmarks with all correlations.
+"""The report's joint EKF (eq. 19-24 and 62-71): pose and world-frame landmarks, all correlated.
 
-The dense block holds the pose and the landmarks that are tracked now. A landmark whose track has
-ended can no longer be observed, so it no longer matters to the pose: it is set aside as it
-stands, and the pose estimate stays that of the filter over all landmarks.
+A step from stamp k - 1 to k:
+
+1. The pose moves by the predicted motion, ``T <- T Exp(tau u)``, and landmarks stay (eq. 64-67).
+2. Landmarks whose track has ended can no longer be observed, so they no longer matter to the pose:
+   they are marginalized as they stand, and the pose estimate stays that of the filter over all
+   landmarks.
+3. The observations of known landmarks correct everything (eq. 46-47, 58 and 68-71, with the gain
+   of eq. 73). Landmarks whose observation fails a gate are marginalized too.
+4. Landmarks seen for the first time are initialized (eq. 4-5), with their correlation to the pose
+   or, as the report does, without.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.linalg
@@ -18,24 +26,18 @@ from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.filters.settings import WorldLandmarkSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
-from vislam_ros.core.geometry.observation import PredictedObservation, StereoObservation
+from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.linalg.gating import passes_gates
-from vislam_ros.core.linalg.linear_update import correct, diagonal_blocks
-from vislam_ros.core.motion import Increment, symmetrized
+from vislam_ros.core.motion import Increment
+from vislam_ros.core.operations.correction import Correction
+from vislam_ros.core.operations.error_state import ErrorState, Recorder
+from vislam_ros.core.operations.initialization import Initialization
+from vislam_ros.core.operations.marginalization import Marginalization, WorldPositions
+from vislam_ros.core.operations.transition import RandomWalk, VehicleTransition
 from vislam_ros.core.settings import setting
-from vislam_ros.core.smoothing.error_operations import (
-    Admission,
-    Correction,
-    PoseMark,
-    RandomWalk,
-    Retirement,
-    Transition,
-    landmark_rows,
-)
-from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
-from vislam_ros.core.tracking.tracks import among, slots_of
+from vislam_ros.core.tracking.tracks import indices_of, is_member
 
 Array = NDArray[np.float64]
 
@@ -54,35 +56,38 @@ class JointFilter:
     ----------
     settings : JointSettings
     camera : StereoCamera
-    tape : Tape, optional
+    tape : Recorder, optional
         Where to record for the backward pass.
 
     Attributes
     ----------
     T_world_body : ndarray, (4, 4)
-    covariance : ndarray, (6 + 3 n, 6 + 3 n)
     keys : ndarray of int64, (n,)
         The active landmarks.
     means : ndarray, (n, 3)
         Their world positions, metres.
     """
 
-    SMALL_SIZE = 6
-
-    def __init__(self, settings: JointSettings, camera: StereoCamera, tape: Tape | None = None):
+    def __init__(
+        self, settings: JointSettings, camera: StereoCamera, tape: Recorder | None = None
+    ):
         self._settings = settings
-        self._tape = tape
         self._observation = StereoObservation(camera, settings.pixel_variance)
-        self._retired = LandmarkStore()
+        self._state = ErrorState(settings.prior_pose_variance * np.eye(6), 6, tape)
+        self._marginalized = LandmarkStore()
         self.T_world_body = np.eye(4)
-        self.covariance: Array = settings.prior_pose_variance * np.eye(6)
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.means: Array = np.empty((0, 3))
 
     @property
+    def covariance(self) -> Array:
+        """Covariance (6 + 3 n, 6 + 3 n) of the error state."""
+        return self._state.covariance
+
+    @property
     def pose_covariance(self) -> Array:
         """Covariance (6, 6) of the pose error on the right."""
-        return self.covariance[:6, :6].copy()
+        return self._state.vehicle_covariance.copy()
 
     @property
     def active(self) -> int:
@@ -91,153 +96,94 @@ class JointFilter:
 
     @property
     def landmark_count(self) -> int:
-        """Number of landmarks, set aside ones included."""
-        return self._retired.count + len(self.keys)
+        """Number of landmarks, marginalized ones included."""
+        return self._marginalized.count + len(self.keys)
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
-        """Predict (eq. 64-67), retire, correct (eq. 68-71) and admit."""
-        if self._tape is not None:
-            self._tape.begin_step(self.covariance)
+        """Predict, marginalize, correct and initialize."""
         self._predict(increment)
-        self._retire(frame.ended)
-        known = among(frame.keys, self.keys)
+        self._marginalize(frame.ended)
+        known = is_member(frame.keys, self.keys)
         usable = self._has_depth(frame.pixels)
-        used, rejected, nis, dof = self._correct(
-            frame.keys[known & usable], frame.pixels[known & usable]
-        )
-        self._retire(rejected)
-        self._admit(frame.keys[~known & usable], frame.pixels[~known & usable])
-        if self._tape is not None:
-            self._tape.record(PoseMark(self.T_world_body))
-        return Outcome(used, int(np.sum(~known & usable)), rejected, nis, dof)
+        seen, new = known & usable, ~known & usable
+        outcome = self._correct(frame.keys[seen], frame.pixels[seen])
+        self._marginalize(outcome.rejected)
+        self._initialize(frame.keys[new], frame.pixels[new])
+        self._state.end_step(self.T_world_body)
+        return replace(outcome, admitted=int(np.count_nonzero(new)))
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
-        keys, means, covariances = self._retired.all()
+        keys, means, covariances = self._marginalized.all()
         return (
             np.concatenate([keys, self.keys]),
             np.concatenate([means, self.means]),
-            np.concatenate([covariances, self._landmark_covariances()]),
+            np.concatenate([covariances, self._state.landmark_covariances()]),
         )
-
-    def _landmark_covariances(self) -> Array:
-        return diagonal_blocks(self.covariance[6:, 6:], 3)
 
     def _has_depth(self, pixels: Array) -> NDArray[np.bool_]:
         return pixels[:, 0] - pixels[:, 2] >= self._settings.min_disparity
 
     def _predict(self, increment: Increment) -> None:
-        F = increment.transition
-        P = self.covariance
+        """Move the pose (eq. 64); ``P <- F P F^T + W`` (eq. 65-67)."""
         self.T_world_body = self.T_world_body @ increment.T
-        P[:6, :6] = F @ P[:6, :6] @ F.T + increment.covariance
-        P[:6, 6:] = F @ P[:6, 6:]
-        P[6:, :6] = P[:6, 6:].T
-        if self._tape is not None:
-            self._tape.record(Transition(F))
-            self._tape.record(RandomWalk(increment.covariance))
+        self._state.apply(VehicleTransition(increment.transition))
+        self._state.apply(RandomWalk(increment.covariance))
 
-    def _retire(self, keys: Keys) -> None:
-        gone = among(self.keys, keys)
+    def _marginalize(self, keys: Keys) -> None:
+        """Leave landmarks out of the state as they stand."""
+        gone = is_member(self.keys, keys)
         if not np.any(gone):
             return
-        self._retired.add(self.keys[gone], self.means[gone], self._landmark_covariances()[gone])
-        if self._tape is not None:
-            self._tape.record(Retirement(self.keys[gone], self.means[gone], gone))
+        keys, means = self.keys[gone], self.means[gone]
+        self._marginalized.add(keys, means, self._state.landmark_covariances()[gone])
+        self._state.apply(Marginalization(keys, gone, partial(WorldPositions, means)))
         self.keys, self.means = self.keys[~gone], self.means[~gone]
-        kept = np.concatenate([np.ones(6, dtype=bool), np.repeat(~gone, 3)])
-        self.covariance = self.covariance[np.ix_(kept, kept)]
 
-    def _correct(self, keys: Keys, pixels: Array) -> tuple[int, Keys, float, int]:
-        """Correct by the observations of active landmarks that pass the gates.
-
-        Returns
-        -------
-        used : int
-            Observations that corrected the state.
-        rejected : ndarray of int64
-            Keys of the others.
-        nis : float
-        nis_dof : int
-        """
+    def _correct(self, keys: Keys, pixels: Array) -> Outcome:
+        """Correct by the observations of active landmarks that pass the gates (eq. 68-71)."""
         if not len(keys):
-            return 0, keys, 0.0, 0
-        slots = slots_of(keys, self.keys)
+            return Outcome()
+        slots = indices_of(keys, self.keys)
         predicted = self._observation.predict(self.T_world_body, self.means[slots])
         residual = self._observation.rows(pixels) - predicted.z
-        HP = self._times_H(predicted, slots)
-        S = self._innovation_covariance(HP, predicted, slots)
-        n, r = residual.shape
-        blocks = S.reshape(n, r, n, r)[np.arange(n), :, np.arange(n), :]
-        passed = predicted.visible & passes_gates(
-            residual, blocks, self._settings.chi2_gate, self._settings.pixel_gate
+        seen = Correction(
+            residual, self._observation.noise, predicted.H_pose, predicted.H_landmark, slots
         )
-        if not np.any(passed):
-            return 0, keys, 0.0, 0
-        rows = np.repeat(passed, r)
+        innovation = seen.innovation_in(self._state)
+        inliers = predicted.visible & passes_gates(
+            residual,
+            innovation.covariances(),
+            self._settings.chi2_gate,
+            self._settings.pixel_gate,
+        )
+        if not np.any(inliers):
+            return Outcome(rejected=keys)
+        some = innovation.of(inliers, self._state.scratch)
         try:
-            delta, nis = correct(
-                self.covariance, S[np.ix_(rows, rows)], HP[rows], residual[passed].ravel()
-            )
+            corrected = self._state.apply(seen.by(inliers, some))
         except scipy.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
-            return 0, keys, 0.0, 0
-        self.T_world_body = self.T_world_body @ se3.exp(delta[:6])
-        self.means = self.means + delta[6:].reshape(-1, 3)
-        if self._tape is not None:
-            H_pose, H_landmark = predicted.H_pose[passed], predicted.H_landmark[passed]
-            noise = self._observation.noise
-            self._tape.record(
-                Correction(residual[passed], noise, H_pose, H_landmark, slots[passed])
-            )
-        return int(passed.sum()), keys[~passed], nis, residual[passed].size
+            return Outcome(rejected=keys)
+        self.T_world_body = self.T_world_body @ se3.exp(corrected.delta[:6])
+        self.means = self.means + corrected.delta[6:].reshape(-1, 3)
+        return Outcome(
+            used=int(np.count_nonzero(inliers)),
+            rejected=keys[~inliers],
+            nis=corrected.nis,
+            nis_dof=residual[inliers].size,
+        )
 
-    def _times_H(self, predicted: PredictedObservation, slots: NDArray[np.int64]) -> Array:
-        """Return H P (n r, 6 + 3 m) without multiplying by the zeros of H."""
-        P = self.covariance
-        landmark_rows = P[6:].reshape(-1, 3, len(P))[slots]
-        HP = predicted.H_pose @ P[:6] + predicted.H_landmark @ landmark_rows
-        return HP.reshape(-1, len(P))
-
-    def _innovation_covariance(
-        self, HP: Array, predicted: PredictedObservation, slots: NDArray[np.int64]
-    ) -> Array:
-        """Return S = H (H P)^T + R (n r, n r), again without the zeros."""
-        n, r, _ = predicted.H_pose.shape
-        columns = HP.T[landmark_rows(slots, 6).ravel()].reshape(n, 3, n * r)
-        S = (predicted.H_landmark @ columns).reshape(n * r, n * r)
-        S += predicted.H_pose.reshape(n * r, 6) @ HP.T[:6]
-        blocks = S.reshape(n, r, n, r)
-        blocks[np.arange(n), :, np.arange(n), :] += self._observation.noise
-        return S
-
-    def _admit(self, keys: Keys, pixels: Array) -> None:
-        """Add landmarks seen for the first time."""
+    def _initialize(self, keys: Keys, pixels: Array) -> None:
+        """Add landmarks at their first observation (eq. 4-5)."""
         if not len(keys):
             return
         positions, J_pose, noise = self._observation.invert(self.T_world_body, pixels)
-        P = self.covariance
-        size, added = len(P), 3 * len(keys)
-        grown = np.zeros((size + added, size + added))
-        grown[:size, :size] = P
-        correlated = self._settings.landmark_initialization == "correlated"
-        if correlated:
-            J = J_pose.reshape(added, 6)
-            cross = J @ P[:6]
-            new = cross[:, :6] @ J.T
-            grown[size:, :size] = cross
-            grown[:size, size:] = cross.T
+        if self._settings.landmark_initialization == "correlated":
+            self._state.apply(Initialization(noise, J_pose))
         else:
-            new = np.zeros((added, added))
-            noise = np.broadcast_to(
-                self._settings.landmark_prior_variance * np.eye(3), (len(keys), 3, 3)
-            )
-        n = len(keys)
-        new.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += noise
-        grown[size:, size:] = symmetrized(new)
-        self.covariance = grown
-        if self._tape is not None:
-            self._tape.record(Admission(noise, J_pose if correlated else None))
+            prior = self._settings.landmark_prior_variance * np.eye(3)
+            self._state.apply(Initialization(np.broadcast_to(prior, noise.shape)))
         self.keys = np.concatenate([self.keys, keys])
         self.means = np.concatenate([self.means, positions])
 
@@ -246,5 +192,5 @@ register_estimator(
     "joint",
     JointSettings,
     lambda settings, given: JointFilter(settings, given.camera, given.tape),
-    vehicle_size=JointFilter.SMALL_SIZE,
+    smoothable=True,
 )

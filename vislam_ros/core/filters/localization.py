@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The report's pose-only EKF (eq. 55-61) on a map that is taken as true."""
+"""The report's pose-only EKF (eq. 16-18 and 55-61) on a map that counts as true."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ class LocalizationFilter:
         return len(self._ids)
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
-        """Predict the pose, then correct it by the landmarks of the map that are seen."""
+        """Predict the pose (eq. 51-52), then correct it by what is seen of the map (eq. 59-61)."""
         self.T_world_body = self.T_world_body @ increment.T
         self.pose_covariance = symmetrized(propagate(self.pose_covariance, increment))
         # A copied pixel says nothing of the new pose.
@@ -96,10 +96,10 @@ class LocalizationFilter:
         # The nearest candidate of each observation: sort by observation, then by distance.
         order = np.lexsort([distance, observation])
         best = order[np.unique(observation, return_index=True)[1]]
-        passed = predicted.visible[best] & passes_gates(
+        inliers = predicted.visible[best] & passes_gates(
             residual[best], S[best], self._settings.chi2_gate, self._settings.pixel_gate
         )
-        used = best[passed]
+        used = best[inliers]
         self._visible = int(predicted.visible[best].sum())
 
         H, residual = H[used], residual[used, :, None]
@@ -114,7 +114,7 @@ class LocalizationFilter:
         self.pose_covariance = Sigma_plus
         return Outcome(
             used=len(used),
-            rejected=frame.keys[observation[best[~passed]]],
+            rejected=frame.keys[observation[best[~inliers]]],
             nis=nis,
             nis_dof=residual.size,
         )

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vislam_ros.core.filters.estimator import Estimator
     from vislam_ros.core.geometry.camera import StereoCamera
     from vislam_ros.core.landmarks import LandmarkMap
-    from vislam_ros.core.smoothing.tape import Tape
+    from vislam_ros.core.operations.error_state import Recorder
 
 # Where this package's own estimators are, so that their names are known without an import.
 _MODULES = {
@@ -58,7 +58,7 @@ class Surroundings:
     Attributes
     ----------
     camera : StereoCamera
-    tape : Tape or None
+    tape : Recorder or None
         Where to record for the backward pass; None where nothing is to be smoothed.
     given_map : LandmarkMap or None
         The map to localize in, for an estimator that needs one.
@@ -67,7 +67,7 @@ class Surroundings:
     """
 
     camera: "StereoCamera"
-    tape: "Tape | None"
+    tape: "Recorder | None"
     given_map: "LandmarkMap | None"
     ids_of_keys: "Callable[[NDArray[np.int64]], NDArray[np.uint32]]"
 
@@ -79,13 +79,8 @@ class Registration:
     name: str
     settings: type[SlamSettings]
     make: "Callable[[Any, Surroundings], Estimator]"
-    vehicle_size: int | None
+    smoothable: bool
     unused: tuple[str, ...]
-
-    @property
-    def smoothable(self) -> bool:
-        """Whether it can be smoothed."""
-        return self.vehicle_size is not None
 
     @property
     def needs_map(self) -> bool:
@@ -135,7 +130,7 @@ def register_estimator(
     settings: type[S],
     make: "Callable[[S, Surroundings], Estimator]",
     *,
-    vehicle_size: int | None = None,
+    smoothable: bool = False,
     unused: tuple[str, ...] = (),
 ) -> None:
     """Make an estimator known under a name.
@@ -150,9 +145,8 @@ def register_estimator(
     make : callable
         Makes the :class:`~vislam_ros.core.filters.estimator.Estimator` of settings and
         :class:`Surroundings`; its class, if that takes the two.
-    vehicle_size : int, optional
-        Size of its error state without landmarks, where the estimator records its operations on
-        the tape that it is given, and so can be smoothed.
+    smoothable : bool, optional
+        Whether it records its operations on the tape that it is given, and so can be smoothed.
     unused : tuple of str, optional
         Names of settings of every session that do not matter to it.
 
@@ -169,7 +163,7 @@ def register_estimator(
         raise SettingsError(f"{name}: each of its settings needs a default: {error}") from error
     if name in _MODULES and getattr(make, "__module__", None) != _MODULES[name]:
         raise SettingsError(f"{name}: is the name of an estimator of this package: take another")
-    _registered[name] = Registration(name, settings, make, vehicle_size, unused)
+    _registered[name] = Registration(name, settings, make, smoothable, unused)
 
 
 def estimator_names() -> tuple[str, ...]:

@@ -4,107 +4,101 @@
 
 A landmark is its image point ``y = (u_left, u_right, v)`` in the current left camera. Its first
 observation is itself the landmark's estimate, its noise the landmark's covariance, and it depends
-on nothing else: initialising is exact. Observing is linear, ``H = [0 I]``. The one nonlinearity
-is the warp over a step (see warp), which is mild at every depth and for every disparity, zero and
-negative ones included.
+on nothing else: initializing is exact. Observing is linear. The one nonlinearity is the warp over
+a step (see warp), which is mild at every depth and for every disparity, zero and negative ones
+included.
 
 Image points are kept free of the lens's distortion, observations are freed of it by the present
 kappa, and a landmark's error is the one that remains at a given kappa: ``y = y_hat + delta_y +
 D(y_hat) delta_kappa`` (see lens). So a wrong kappa shows in the motion of image points only, as
 it does in a camera.
 
-One step from stamp k - 1 to k, of tau seconds:
+These are the terms of the EKF (the report's eq. 25-36), as robocentric_model and warp have them::
 
-1. The twist u takes a random step (white acceleration noise); it now stands for the constant twist
-   of this step.
-2. The prediction's mean twist over this step measures it: ``z = [v + b_v; omega + b_g] + n``. The
-   velocity's direction is off by a slow error on real vehicles (b_v, sideways and upwards: on
-   KITTI-360 by up to 5 degrees), and a vehicle goes where it points but for some slip, the more
-   where it turns and the body's origin is not on the axle that follows.
-3. The body moves, ``T <- T Exp(tau u)``, and every landmark is warped by the same motion. No noise
-   enters here: all of it is in u, whose correlation with pose and landmarks is kept.
-4. The frame's image points correct everything.
+    state  T, u, b_g, b_v, kappa, y_1 ... y_n: pose, twist, biases of gyroscope and velocity,
+           lens, landmarks; T = T_hat Exp(xi), all other errors are differences
+    Q      tau blkdiag(0, W_u, W_g, W_v, 0), a random walk of u and of the biases alone
+    F      [ Ad(Exp(-tau u))  tau J_r      0  0                0           ]  xi
+           [ 0                I            0  0                0           ]  delta_u
+           [ 0                0            I  0                0           ]  delta_b
+           [ 0                0            0  1                0           ]  delta_kappa
+           [ 0                tau G_i J_r  0  F_i D_i - D_i+   blkdiag F_i ]  delta_y_i
+    h, H   of the twist: [v + b_v; omega + b_g], [0 I B 0 0]; of no slip: v_y and v_z
+           of the image: y, [0 I]
+
+A step from stamp k - 1 to k, of tau seconds:
+
+1. Landmarks whose track has ended are marginalized, and enter the map where they have a position.
+2. The vehicle state takes a random step, ``P <- P + Q``: above all the twist u (white acceleration
+   noise), which now stands for the constant twist of this step.
+3. The prediction's mean twist over this step measures it.
+4. The body moves, ``T <- T Exp(tau u)``, and every landmark is warped by the same motion, ``P <- F
+   P F^T``. No noise enters here: all of it is in u, whose correlation with pose and landmarks is
+   kept. Landmarks that are behind the camera now are marginalized before.
+5. The frame's image points correct everything, but for those that gates reject; the landmarks of
+   these are marginalized before.
+6. The noise of the motion is learned from what vision has seen of it.
+7. Landmarks seen for the first time are initialized.
+
+``test/dense_robocentric.py`` is the same filter in plain numpy, without regard to speed; a test
+holds the two together to 1e-9.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from vislam_ros.core.columns import Estimate
-from vislam_ros.core.compiled import compiled
 from vislam_ros.core.filters import quantities
 from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.image_point_map import (
     ImagePointMap,
     ImagePoints,
     has_position,
+    positions_of_all,
     world_positions,
 )
 from vislam_ros.core.filters.registry import register_estimator
+from vislam_ros.core.filters.robocentric_model import (
+    GYRO_BIAS,
+    LENS,
+    POSE,
+    POSE_AND_LENS,
+    SIZE,
+    TWIST,
+    VELOCITY_BIAS,
+    TwistMeasurement,
+    prior_covariance,
+    transition_of,
+    walk_densities,
+)
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import warp
-from vislam_ros.core.linalg.gating import Consensus, consensus, passes_gates
-from vislam_ros.core.linalg.linear_update import (
-    Scratch,
-    correct_directly,
-    diagonal_blocks,
-    innovation_covariance,
-    inverse_of_positive,
-    whitened,
-    without,
-)
-from vislam_ros.core.motion import FIRST_TWIST_STD, Increment, Twist
+from vislam_ros.core.linalg.gating import Inliers, deletion_gate, passes_gates
+from vislam_ros.core.motion import Increment, Twist
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
-from vislam_ros.core.smoothing.error_operations import (
-    Admission,
-    Correction,
-    DirectCorrection,
-    PoseMark,
-    RandomWalk,
-    Retirement,
-    Transition,
-    landmark_rows,
-    seen_and_rest,
-)
-from vislam_ros.core.smoothing.tape import Tape
+from vislam_ros.core.operations.direct_correction import DirectCorrection
+from vislam_ros.core.operations.error_state import ErrorState, Recorder
+from vislam_ros.core.operations.initialization import Initialization
+from vislam_ros.core.operations.marginalization import Marginalization
+from vislam_ros.core.operations.transition import RandomWalk
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
-from vislam_ros.core.tracking.tracks import among, slots_of
+from vislam_ros.core.tracking.tracks import indices_of, is_member
 
 Array = NDArray[np.float64]
 
-# The small part of the error state: pose [rho; theta], twist [v; omega], gyroscope bias, velocity
-# bias, lens.
-_POSE, _TWIST, _BIAS, _VELOCITY_BIAS = slice(0, 6), slice(6, 12), slice(12, 15), slice(15, 17)
-_LENS = 17
-_SMALL = 18
-
-# What a landmark's position in the world depends on besides its image point: pose and lens.
-_PLACING = np.array([0, 1, 2, 3, 4, 5, _LENS])
-
-# The velocity's components, and the twist's, that are zero where a vehicle goes where it points.
-_ASIDE, _TWIST_ASIDE = slice(1, 3), slice(7, 9)
-# The turn rates that sway a place ahead of the origin sideways and up: yaw and pitch.
-_SWAYING = np.array([5, 4])
-
-# Nothing moves in less than this, and no twist can be told from it [s].
+# Nothing moves in less than this, and no twist can be had from it [s].
 _SHORTEST_STEP = 1e-4
-
-
-class _Twist(NamedTuple):
-    """A step's twist (6,) before it is measured, its variances (6,), and the measurement (6,)."""
-
-    mean: Array
-    variances: Array
-    measured: Array
 
 
 class RobocentricFilter:
@@ -114,7 +108,7 @@ class RobocentricFilter:
     ----------
     settings : RobocentricSettings
     camera : StereoCamera
-    tape : Tape, optional
+    tape : Recorder, optional
         Where to record for the backward pass.
 
     Attributes
@@ -128,54 +122,52 @@ class RobocentricFilter:
         What rectification has left of the lens's radial distortion (see lens).
     velocity_bias : ndarray, (2,)
         Of the measured velocity's y and z, metres a second.
-    covariance : ndarray, (18 + 3 n, 18 + 3 n)
     keys : ndarray of int64, (n,)
         The active landmarks.
     image_points : ndarray, (n, 3)
         Theirs, in the current left camera, pixels, free of distortion.
     """
 
-    SMALL_SIZE = _SMALL
-
     def __init__(
-        self, settings: RobocentricSettings, camera: StereoCamera, tape: Tape | None = None
+        self, settings: RobocentricSettings, camera: StereoCamera, tape: Recorder | None = None
     ):
         self._settings = settings
         self._camera = camera
-        self._tape = tape
         self._observation = StereoObservation(camera, settings.pixel_variance)
+        self._frame_rate = FrameRate()
         self._motion_noise = MotionNoise(
             np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
+            self._frame_rate,
         )
         self._track_noise = TrackNoise(
             np.diag(self._observation.image_point_noise).copy(),
             settings.disparity_offset_std,
+            self._frame_rate,
             learns=settings.learn_noise,
         )
         self._disparity_prior = DisparityPrior() if settings.disparity_prior else None
-        self._H_twist = _twist_rows(settings.slip_std > 0)
-        self._scratch = Scratch()
-        self._set_aside = ImagePointMap(camera)
+        self._twist_measurement = TwistMeasurement(settings.slip_std, settings.axle_distance)
+        self._walk_densities = walk_densities(settings)
+        self._state = ErrorState(prior_covariance(settings), SIZE, tape)
+        self._marginalized = ImagePointMap(camera)
         self.T_world_body = np.eye(4)
         self.twist = np.zeros(6)
         self.gyro_bias = np.zeros(3)
         self.velocity_bias = np.zeros(2)
         self.kappa = 0.0
-        self.covariance = np.zeros((_SMALL, _SMALL))
-        self.covariance[_POSE, _POSE] = settings.prior_pose_variance * np.eye(6)
-        self.covariance[_TWIST, _TWIST] = np.diag(FIRST_TWIST_STD**2)
-        self.covariance[_BIAS, _BIAS] = settings.gyro_bias_std**2 * np.eye(3)
-        velocity_bias_variance = settings.velocity_bias_std**2 * np.eye(2)
-        self.covariance[_VELOCITY_BIAS, _VELOCITY_BIAS] = velocity_bias_variance
-        self.covariance[_LENS, _LENS] = settings.lens_distortion_std**2
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.image_points: Array = np.empty((0, 3))
 
     @property
+    def covariance(self) -> Array:
+        """Covariance (18 + 3 n, 18 + 3 n) of the error state."""
+        return self._state.covariance
+
+    @property
     def pose_covariance(self) -> Array:
         """Covariance (6, 6) of the pose error on the right."""
-        return self.covariance[_POSE, _POSE].copy()
+        return self.covariance[POSE, POSE].copy()
 
     @property
     def active(self) -> int:
@@ -184,63 +176,41 @@ class RobocentricFilter:
 
     @property
     def landmark_count(self) -> int:
-        """Number of landmarks with a position, those set aside and those tracked."""
-        return self._set_aside.count + int(np.count_nonzero(self._has_position()))
+        """Number of landmarks with a position, those marginalized and those tracked."""
+        return self._marginalized.count + int(np.count_nonzero(self._has_position()))
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
-        """Retire, move, correct and admit."""
-        if self._tape is not None:
-            self._tape.begin_step(self.covariance)
-        if len(frame.ended):
-            self._retire(among(self.keys, frame.ended))
-        passed = np.empty(0, dtype=np.int64)
-        moved = increment.duration > _SHORTEST_STEP
+        """Take a step, in the order of the text above."""
+        tau, behind_camera = increment.duration, self.keys[:0]
+        self._marginalize(is_member(self.keys, frame.ended))
+        moved = tau > _SHORTEST_STEP
         if moved:
-            before, Y = self._measure_twist(increment)
-            passed = self._move(increment.duration, Y)
-        slots = slots_of(frame.keys, self.keys)
+            self._frame_rate.add(tau)
+            measured = se3.log(increment.T) / tau
+            before = self._walk(tau)
+            self._measure_twist(measured, tau)
+            behind_camera = self._move(tau)
+        slots = indices_of(frame.keys, self.keys)
         known = slots >= 0
         outcome = self._correct(frame.keys[known], slots[known], frame.pixels[known])
         if self._settings.learn_noise and moved and outcome.used:
-            self._learn_motion_noise(increment.duration, before)
-        # What the body has passed cannot be what is seen: its track begins anew at the next frame.
-        new = ~known
-        if len(passed):
-            new &= ~among(frame.keys, passed)
-        self._admit(frame.keys[new], frame.pixels[new], frame.copied[new])
-        if self._tape is not None:
-            self._tape.record(PoseMark(self.T_world_body))
-        rejected = outcome.rejected
-        if len(passed):
-            rejected = np.concatenate([rejected, passed[among(passed, frame.keys)]])
+            self._learn_motion_noise(*before, measured, tau)
+        # What is behind the camera is not what is seen: its track begins anew at the next frame.
+        contradicted = is_member(frame.keys, behind_camera)
+        new = ~(known | contradicted)
+        self._initialize(frame.keys[new], frame.pixels[new], frame.copied[new])
+        self._state.end_step(self.T_world_body)
         return replace(
             outcome,
             admitted=int(np.count_nonzero(new)),
-            rejected=rejected,
-            twist=Twist(self.twist, self.covariance[_TWIST, _TWIST].copy()),
+            rejected=np.concatenate([outcome.rejected, frame.keys[contradicted]]),
+            twist=Twist(self.twist, self.covariance[TWIST, TWIST].copy()),
             estimates=self._estimates(),
-        )
-
-    def _estimates(self) -> tuple[Estimate, ...]:
-        """What else is in the vehicle's state, and the noise as it is learned."""
-        std = np.sqrt(np.maximum(self.covariance.diagonal()[:_SMALL], 0.0))
-        pixel_variance = self._track_noise.level * sum(self._settings.pixel_variance) / 4
-        twist_noise_std = np.sqrt(self._motion_noise.twist_variance)
-        walk_std = np.sqrt(self._motion_noise.walk_variance)
-        return (
-            Estimate(quantities.GYRO_BIAS, self.gyro_bias, std[_BIAS]),
-            Estimate(quantities.VELOCITY_BIAS, self.velocity_bias, std[_VELOCITY_BIAS]),
-            Estimate(quantities.LENS_DISTORTION, self.kappa, std[_LENS]),
-            Estimate(quantities.PIXEL_NOISE_STD, pixel_variance**0.5),
-            Estimate(quantities.VELOCITY_NOISE_STD, twist_noise_std[0]),
-            Estimate(quantities.ANGULAR_VELOCITY_NOISE_STD, twist_noise_std[3]),
-            Estimate(quantities.VELOCITY_WALK_STD, walk_std[:3]),
-            Estimate(quantities.ANGULAR_VELOCITY_WALK_STD, walk_std[3:]),
         )
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
-        keys, means, covariances = self._set_aside.all()
+        keys, means, covariances = self._marginalized.all()
         tracked = np.flatnonzero(self._has_position())
         positions = world_positions(self._camera, self._image_points_of(tracked))
         return (
@@ -249,157 +219,129 @@ class RobocentricFilter:
             np.concatenate([covariances, positions.covariances]),
         )
 
-    def _measure_twist(self, increment: Increment) -> tuple[_Twist, Array]:
-        """Let the twist take its random step, then correct the estimate by the prediction's.
+    def _marginalize(self, gone: NDArray[np.bool_]) -> None:
+        """Leave landmarks (n,) out of the state; those with a position enter the map."""
+        if not gone.any():
+            return
+        keys, points = self.keys[gone], self._image_points_of(np.flatnonzero(gone))
+        mapped = has_position(points.y, points.own)
+        self._marginalized.add(keys[mapped], points.of(mapped))
+        positions = partial(positions_of_all, self._camera, points, mapped)
+        self._state.apply(Marginalization(keys, gone, positions))
+        self._track_noise.remove(gone)
+        self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
 
-        Returns
-        -------
-        before : _Twist
-            The twist when it had taken its step.
-        Y : ndarray, (r, D)
-            The covariance, which is left to the motion, is ``P - Y^T Y``.
-        """
-        tau, settings = increment.duration, self._settings
-        measured = se3.log(increment.T) / tau
-        self._motion_noise.hear(measured)
-        walk = np.zeros(_SMALL)
-        walk[_TWIST] = tau * self._motion_noise.walk_variance
-        walk[_BIAS] = tau * settings.gyro_bias_walk_std**2
-        walk[_VELOCITY_BIAS] = tau * settings.velocity_bias_walk_std**2
-        P = self.covariance
-        variances = P.reshape(-1)[:: len(P) + 1]
-        variances[:_SMALL] += walk
-        before = _Twist(self.twist, variances[_TWIST].copy(), measured)
-        H = self._H_twist
-        R, residual = np.empty(len(H)), np.empty(len(H))
-        R[:6], R[6:] = self._motion_noise.twist_variance, settings.slip_std**2 / tau
-        R[6:] += np.square(settings.axle_distance * self.twist[_SWAYING])[: len(H) - 6]
-        residual[:6] = self._twist_error(measured)
-        residual[6:] = -self.twist[_ASIDE][: len(H) - 6]
-        Y, whitened_residual = whitened(P, H, R, residual)
-        self._shift(whitened_residual @ Y)
-        if self._tape is not None:
-            self._tape.record(RandomWalk(np.diag(walk)))
-            self._tape.record(Correction(residual[None], np.diag(R), H_small=H[None]))
-        return before, Y
+    def _walk(self, tau: float) -> tuple[Array, Array]:
+        """``P <- P + Q``; return the twist (6,) and its variances (6,) as they stand then."""
+        self._walk_densities[TWIST] = self._motion_noise.walk_variance
+        self._state.apply(RandomWalk(np.diag(tau * self._walk_densities)))
+        return self.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
+
+    def _measure_twist(self, measured: Array, tau: float) -> None:
+        """Correct by the prediction's mean twist (6,) over tau seconds."""
+        self._motion_noise.add(measured)
+        noise = self._motion_noise.twist_variance
+        error = self._twist_error(measured)
+        correction = self._twist_measurement.correction(error, noise, self.twist, tau)
+        self._shift(self._state.apply(correction).delta)
 
     def _twist_error(self, measured: Array) -> Array:
-        """What a measured twist (6,) is off from the estimate, biases taken into account."""
-        error = measured - self.twist
-        error[_ASIDE] -= self.velocity_bias
-        error[3:] -= self.gyro_bias
-        return error
+        """What a measured twist (6,) is off from the estimate."""
+        return self._twist_measurement.error(
+            measured, self.twist, self.gyro_bias, self.velocity_bias
+        )
 
-    def _learn_motion_noise(self, tau: float, before: _Twist) -> None:
-        """Tell the noise of the motion what a step that vision has seen says of it."""
-        P, H = self.covariance[:_SMALL, :_SMALL], self._H_twist[:6]
-        change, variances = self.twist - before.mean, P.diagonal()[_TWIST]
-        unexplained = self._twist_error(before.measured) ** 2 + np.sum((H @ P) * H, axis=1)
-        self._motion_noise.learn(change, before.variances, variances, unexplained, tau)
-
-    def _move(self, tau: float, Y: Array) -> Keys:
-        """Move the body and warp every landmark; return the keys of those it has passed.
-
-        Parameters
-        ----------
-        tau : float
-            Seconds.
-        Y : ndarray, (r, D)
-            By whose square the covariance is still too large.
-        """
+    def _move(self, tau: float) -> Keys:
+        """Move the body and warp every landmark; return the keys of those behind the camera."""
         motion = se3.exp(tau * self.twist)
-        by_twist = tau * se3.right_jacobian(tau * self.twist)
         warped = warp(self._camera, self.image_points, motion)
-        passed = self.keys[~warped.ahead]
-        still_due: Array | None = Y
-        if len(passed):
-            self.covariance -= Y.T @ Y
-            still_due = None
-            self._retire(~warped.ahead)
+        behind_camera = self.keys[~warped.ahead]
+        if len(behind_camera):
+            self._marginalize(~warped.ahead)
             warped = warp(self._camera, self.image_points, motion)
-        small = np.eye(_SMALL)
-        small[_POSE, _POSE] = se3.adjoint(se3.inverse(motion))
-        small[_POSE, _TWIST] = by_twist
-        shift = radial_shift(self._camera, self.image_points)
-        shift_new = radial_shift(self._camera, warped.y)
-        coupling = _coupling(warped.G, by_twist, warped.F_y, shift, shift_new)
-        transition = Transition(small, warped.F_y, coupling)
-        self.covariance, _ = transition.carry(self.covariance, _SMALL, self._scratch, still_due)
+        self._state.apply(
+            transition_of(self._camera, self.image_points, warped, motion, self.twist, tau)
+        )
         self.T_world_body = self.T_world_body @ motion
         self.image_points = warped.y
-        if self._tape is not None:
-            self._tape.record(transition)
-        return passed
+        return behind_camera
 
     def _correct(self, keys: Keys, slots: NDArray[np.int64], pixels: Array) -> Outcome:
-        """Correct by the observations of active landmarks that are believed; retire the others."""
+        """Correct by observations of active landmarks; marginalize those of outliers."""
         if len(keys) < self._settings.min_observations:
             return Outcome()
         residual = self._straight(pixels) - self.image_points[slots]
         noise = self._track_noise.variances(slots)
         try:
-            believed = self._believed(slots, residual, noise)
+            inliers = self._inliers(slots, residual, noise)
         except scipy.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
-            self._retire(among(self.keys, keys))
+            self._marginalize(is_member(self.keys, keys))
             return Outcome(rejected=keys)
-        kept, n = believed.kept, len(believed.kept)
-        rejected = keys[:0]
-        if n < len(keys):
-            rejected = np.delete(keys, kept)
-            self._retire(among(self.keys, rejected))
-            slots = slots_of(keys[kept], self.keys)
-        if not n:
+        residual, noise, rejected = residual[inliers.indices], noise[inliers.indices], keys[:0]
+        if len(residual) < len(keys):
+            rejected = np.delete(keys, inliers.indices)
+            self._marginalize(is_member(self.keys, rejected))
+            slots = indices_of(keys[inliers.indices], self.keys)
+        if not len(slots):
             return Outcome(rejected=rejected)
-        numbers = len(believed.weighted)
-        nis = self._apply_directly(slots, residual[kept], noise[kept], believed)
-        return Outcome(n, rejected=rejected, nis=nis, nis_dof=numbers)
+        used = self._track_noise.components
+        corrected = self._state.apply(
+            DirectCorrection(residual[:, used], noise[:, used], slots, used, inliers)
+        )
+        self._track_noise.update(slots, residual, inliers.inverse.diagonal(), inliers.weighted)
+        self._shift(corrected.delta)
+        dof = len(inliers.weighted)
+        return Outcome(len(slots), rejected=rejected, nis=corrected.nis, nis_dof=dof)
 
-    def _believed(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> Consensus:
-        """Innovations (n, 3) that pass their own gates and agree with all others."""
-        tracks, components = self._track_noise, self._track_noise.components
-        gate = tracks.gate(self._settings.chi2_gate)
-        own = diagonal_blocks(self.covariance[_SMALL:, _SMALL:], 3)[slots]
-        np.einsum("nii->ni", own)[:] += tracks.expected(noise, self.image_points[slots])
-        credible = passes_gates(residual, own, gate, self._settings.pixel_gate)
-        passed = np.flatnonzero(credible)
-        seen, _ = seen_and_rest(slots[passed], components, self.active, _SMALL)
-        S = self._scratch.matrix("work", len(seen), len(seen))
-        innovation_covariance(self.covariance, seen, _of(noise, passed, components).ravel(), S)
-        new = _of(residual, passed, components)
-        agreed = consensus(gate, new, inverse_of_positive(S))
-        return Consensus(passed[agreed.kept], agreed.inverse, agreed.weighted)
+    def _inliers(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> Inliers:
+        """Innovations (n, 3) that pass their own gates and agree with all the others."""
+        gate = self._track_noise.gate(self._settings.chi2_gate)
+        own = self._state.landmark_covariances()[slots]
+        expected = self._track_noise.expected(noise, self.image_points[slots])
+        np.einsum("nii->ni", own)[:] += expected
+        alone = np.flatnonzero(passes_gates(residual, own, gate, self._settings.pixel_gate))
+        used = self._track_noise.components
+        numbers = alone[:, None], used
+        together = DirectCorrection(residual[numbers], noise[numbers], slots[alone], used)
+        agreed = deletion_gate(gate, together.residual, together.inverse_in(self._state))
+        return agreed._replace(indices=alone[agreed.indices])
 
-    def _apply_directly(
-        self, slots: NDArray[np.int64], residual: Array, noise: Array, believed: Consensus
-    ) -> float:
-        """Correct by innovations (n, 3) of landmarks with noise variances (n, 3); return the NIS.
+    def _learn_motion_noise(
+        self, twist_before: Array, variances_before: Array, measured: Array, tau: float
+    ) -> None:
+        """Learn the noise of the motion from a step of tau seconds that vision has seen."""
+        P, H = self._state.vehicle_covariance, self._twist_measurement.H[:6]
+        change, variances = self.twist - twist_before, P.diagonal()[TWIST]
+        unexplained = self._twist_error(measured) ** 2 + np.sum((H @ P) * H, axis=1)
+        self._motion_noise.update(change, variances_before, variances, unexplained, tau)
 
-        Only those numbers count that tell anything new, and those of the consensus are of them.
-        """
-        components = self._track_noise.components
-        seen, rest = seen_and_rest(slots, components, self.active, _SMALL)
-        new, noise = residual[:, components], noise[:, components]
-        r, variances, weighted = new.ravel(), noise.ravel(), believed.weighted
-        cross = correct_directly(self.covariance, seen, rest, variances, believed.inverse)
-        self._track_noise.see(slots, residual, believed.inverse.diagonal(), weighted)
-        delta = np.empty(len(self.covariance))
-        delta[seen] = r - variances * weighted
-        delta[rest] = cross @ weighted
-        self._shift(delta)
-        if self._tape is not None:
-            self._tape.record(DirectCorrection(new, noise, slots, components))
-        return float(r @ weighted)
+    def _initialize(self, keys: Keys, pixels: Array, copied: NDArray[np.bool_]) -> None:
+        """Add landmarks at their first observation."""
+        if not len(keys):
+            return
+        y = self._straight(pixels)
+        self._track_noise.initialize_level(self._observation.row_mismatch(pixels))
+        noise = self._track_noise.of_new_tracks(y)
+        # A track that begins at a copied pixel has the disparity of the point it stood for before.
+        stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
+        noise[copied, 1, 1] += stale[copied] ** 2
+        if self._disparity_prior is not None:
+            y, noise = self._disparity_prior.apply(y, noise)
+        self._state.apply(Initialization(noise))
+        self._track_noise.add(len(keys))
+        self.keys = np.concatenate([self.keys, keys])
+        self.image_points = np.concatenate([self.image_points, y])
 
     def _shift(self, delta: Array) -> None:
         """Move the estimate by an error (D,)."""
-        self.T_world_body = self.T_world_body @ se3.exp(delta[_POSE])
-        self.twist = self.twist + delta[_TWIST]
-        self.gyro_bias = self.gyro_bias + delta[_BIAS]
-        self.velocity_bias = self.velocity_bias + delta[_VELOCITY_BIAS]
-        self.kappa += float(delta[_LENS])
-        change = delta[_SMALL:].reshape(-1, 3)
-        change += delta[_LENS] * radial_shift(self._camera, self.image_points)
+        self.T_world_body = self.T_world_body @ se3.exp(delta[POSE])
+        self.twist = self.twist + delta[TWIST]
+        self.gyro_bias = self.gyro_bias + delta[GYRO_BIAS]
+        self.velocity_bias = self.velocity_bias + delta[VELOCITY_BIAS]
+        self.kappa += float(delta[LENS])
+        change = delta[SIZE:].reshape(-1, 3)
+        change += delta[LENS] * radial_shift(self._camera, self.image_points)
         self.image_points = self.image_points + change
 
     def _straight(self, pixels: Array) -> Array:
@@ -407,118 +349,42 @@ class RobocentricFilter:
         y = self._observation.image_points(pixels)
         return y + self.kappa * radial_shift(self._camera, y)
 
-    def _admit(self, keys: Keys, pixels: Array, copied: NDArray[np.bool_]) -> None:
-        """Begin landmarks at their first observation."""
-        if not len(keys):
-            return
-        y = self._straight(pixels)
-        self._track_noise.start(self._observation.row_mismatch(pixels))
-        noise = self._track_noise.of_new_tracks(y)
-        # A track begun at a copied pixel has the disparity of the point it stood for before.
-        stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
-        noise[copied, 1, 1] += stale[copied] ** 2
-        if self._disparity_prior is not None:
-            y, noise = self._disparity_prior.applied(y, noise)
-        admission = Admission(noise)
-        self.covariance, _ = admission.carry(self.covariance, _SMALL, self._scratch)
-        if self._tape is not None:
-            self._tape.record(admission)
-        self._track_noise.begin(len(keys))
-        self.keys = np.concatenate([self.keys, keys])
-        self.image_points = np.concatenate([self.image_points, y])
-
-    def _retire(self, gone: NDArray[np.bool_]) -> None:
-        """Set landmarks (n,) aside; those with a position enter the map."""
-        if not gone.any():
-            return
-        slots = np.flatnonzero(gone)
-        points = self._image_points_of(slots)
-        mapped = has_position(points.y, points.own)
-        self._set_aside.add(self.keys[slots[mapped]], points.of(mapped))
-        if self._tape is not None:
-            positions = world_positions(self._camera, points.of(mapped))
-            J_small = np.zeros((len(slots), 3, _SMALL))
-            rows = np.flatnonzero(mapped)[:, None, None]
-            J_small[rows, np.arange(3)[:, None], _PLACING] = positions.J_small
-            # What has no position leaves the error state all the same, as zeros.
-            retirement = Retirement(
-                self.keys[slots],
-                _scattered(positions.means, mapped),
-                gone,
-                J_small,
-                _scattered(positions.J_landmark, mapped),
-            )
-            self._tape.record(retirement)
-        self._track_noise.end(gone)
-        kept = np.concatenate([np.arange(_SMALL), self._rows(np.flatnonzero(~gone)).ravel()])
-        self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
-        self.covariance = without(self.covariance, kept, self._scratch)
-
-    def _rows(self, slots: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Places (n, 3) of landmarks in the error state."""
-        return landmark_rows(slots, _SMALL)
-
     def _image_points_of(self, slots: NDArray[np.int64]) -> ImagePoints:
-        P = self.covariance
+        P = self._state.covariance
         return ImagePoints(
             y=self.image_points[slots],
-            own=diagonal_blocks(P[_SMALL:, _SMALL:], 3)[slots],
-            cross=P[self._rows(slots)[:, :, None], _PLACING],
-            small=P[_PLACING[:, None], _PLACING],
+            own=self._state.landmark_covariances()[slots],
+            cross=P[self._state.rows_of(slots)[:, :, None], POSE_AND_LENS],
+            pose_and_lens=P[POSE_AND_LENS[:, None], POSE_AND_LENS],
             T_world_body=self.T_world_body,
         )
 
     def _has_position(self) -> NDArray[np.bool_]:
-        own = diagonal_blocks(self.covariance[_SMALL:, _SMALL:], 3)
-        return has_position(self.image_points, own)
+        return has_position(self.image_points, self._state.landmark_covariances())
 
-
-@compiled(
-    "float64[:, :, ::1](float64[:, :, ::1], float64[:, :], float64[:, :, ::1], float64[:, ::1],"
-    " float64[:, ::1])"
-)
-def _coupling(G: Array, by_twist: Array, F_y: Array, shift: Array, shift_new: Array) -> Array:
-    """How warped points (n, 3) depend on the small part but the pose: twist, biases and lens."""
-    n = len(G)
-    coupling = np.zeros((n, 3, _SMALL - 6))
-    for i in range(n):
-        for r in range(3):
-            for c in range(6):
-                for k in range(6):
-                    coupling[i, r, c] += G[i, r, k] * by_twist[k, c]
-            for k in range(3):
-                coupling[i, r, -1] += F_y[i, r, k] * shift[i, k]
-            coupling[i, r, -1] -= shift_new[i, r]
-    return coupling
-
-
-def _of(numbers: Array, rows: NDArray[np.int64], components: NDArray[np.int64]) -> Array:
-    """Some components (r,) of some rows (k,) of numbers (n, 3)."""
-    return numbers[rows[:, None], components]
-
-
-def _twist_rows(straight: bool) -> Array:
-    """Derivative (6 or 8, 18) of the measured twist, and of what is no slip, by the small part."""
-    H = np.zeros((8, _SMALL))
-    H[:6, _TWIST] = np.eye(6)
-    H[3:6, _BIAS] = np.eye(3)
-    H[_ASIDE, _VELOCITY_BIAS] = np.eye(2)
-    H[6:, _TWIST_ASIDE] = np.eye(2)
-    return H if straight else H[:6]
-
-
-def _scattered(values: Array, places: NDArray[np.bool_]) -> Array:
-    """Spread rows to the places (n,) that are true, with zeros elsewhere."""
-    result = np.zeros((len(places), *values.shape[1:]))
-    result[places] = values
-    return result
+    def _estimates(self) -> tuple[Estimate, ...]:
+        """What else is in the vehicle's state, and the noise as it is learned."""
+        std = np.sqrt(np.maximum(self._state.vehicle_covariance.diagonal(), 0.0))
+        pixel_variance = self._track_noise.level * sum(self._settings.pixel_variance) / 4
+        twist_noise_std = np.sqrt(self._motion_noise.twist_variance)
+        walk_std = np.sqrt(self._motion_noise.walk_variance)
+        return (
+            Estimate(quantities.GYRO_BIAS, self.gyro_bias, std[GYRO_BIAS]),
+            Estimate(quantities.VELOCITY_BIAS, self.velocity_bias, std[VELOCITY_BIAS]),
+            Estimate(quantities.LENS_DISTORTION, self.kappa, std[LENS]),
+            Estimate(quantities.PIXEL_NOISE_STD, pixel_variance**0.5),
+            Estimate(quantities.VELOCITY_NOISE_STD, twist_noise_std[0]),
+            Estimate(quantities.ANGULAR_VELOCITY_NOISE_STD, twist_noise_std[3]),
+            Estimate(quantities.VELOCITY_WALK_STD, walk_std[:3]),
+            Estimate(quantities.ANGULAR_VELOCITY_WALK_STD, walk_std[3:]),
+        )
 
 
 register_estimator(
     "robocentric",
     RobocentricSettings,
     lambda settings, given: RobocentricFilter(settings, given.camera, given.tape),
-    vehicle_size=RobocentricFilter.SMALL_SIZE,
+    smoothable=True,
     # Its noise of the motion is the walk of the twist in its state.
     unused=("process_noise", "process_variance"),
 )

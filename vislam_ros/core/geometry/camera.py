@@ -3,7 +3,8 @@
 """A rectified stereo camera and its three-row image point ``y = (u_left, u_right, v)``.
 
 Both images share one row, so the four pixels of an observation (the report's eq. 4) hold three
-numbers. For a point ``p = (x, y, z)`` in the left camera::
+numbers. For a point ``p = (x, y, z)`` in the left camera, the report's ``M pi(q)`` (eq. 39 and 41)
+is ::
 
     u_left  = fx x / z + cx
     u_right = (fx x - fx b) / z + cx
@@ -123,7 +124,7 @@ class StereoCamera:
         return y
 
     def project_jacobian(self, points_camera: ArrayLike) -> Array:
-        """Derivative (..., 3, 3) of :meth:`project` by the point (..., 3), pixels per metre."""
+        """Derivative (..., 3, 3) of :meth:`project` by the point (eq. 41), pixels per metre."""
         p = np.asarray(points_camera, dtype=float)
         w = 1.0 / p[..., 2]
         J = np.zeros((*p.shape, 3))

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stereo observation of a landmark in the world: prediction, Jacobians and its inverse.
 
-The report's observation (eq. 6) is ``z = M pi(T_camera_body T_world_body^-1 m) + v`` with four
-rows, ``v ~ N(0, V)``. Rectified images share one row, so for ``V = sigma^2 I`` the three rows
-``(u_left, u_right, (v_left + v_right) / 2)`` with noise ``sigma^2 diag(1, 1, 1/2)`` hold the same
-information; any other V keeps all four.
+The report's observation (eq. 1, 6, 38, 42 and 55) is ``z = M pi(T_camera_body T_world_body^-1 m) +
+v`` with four rows, ``v ~ N(0, V)``. Rectified images share one row, so for ``V = sigma^2 I`` the
+three rows ``(u_left, u_right, (v_left + v_right) / 2)`` with noise ``sigma^2 diag(1, 1, 1/2)``
+hold the same information; any other V keeps all four. Its prediction is eq. 46, its Jacobians are
+eq. 47 by the landmark and eq. 56-58 by the pose (side by side in eq. 21 and 68), its inverse is
+eq. 4-5.
 """
 
 from dataclasses import dataclass

@@ -3,7 +3,10 @@
 """Rigid motions in three dimensions: SE(3), its exponential, and unit quaternions.
 
 Every function takes leading batch dimensions. The tangent is ``xi = [rho; theta]``; formulas
-follow Barfoot, *State Estimation for Robotics* (2017), chapter 7, with errors on the right.
+follow Barfoot, *State Estimation for Robotics* (2017), chapter 7, with errors on the right. The
+report's hats of a twist (eq. 14-15 and 53-54) are needed in exponentials alone: ``exp(tau u^)`` of
+eq. 10, 12, 49 and 51 is :func:`exp`, ``exp(-tau u^curly)`` of eq. 13, 52 and 66 is :func:`adjoint`
+of its inverse.
 """
 
 import numpy as np

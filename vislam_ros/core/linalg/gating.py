@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Gates: which observations to believe."""
+"""Gates: which observations are inliers, by their innovation and its S (the report's eq. 69)."""
 
 import math
 from typing import NamedTuple
@@ -13,6 +13,9 @@ from vislam_ros.core.linalg.linear_update import diagonal_blocks
 from vislam_ros.core.motion import symmetrized
 
 Array = NDArray[np.float64]
+
+# What goes at a time: all that is at least so much as far off as the farthest, in squares.
+_AS_FAR_OFF = 0.5
 
 
 @compiled("float64(int64, float64[:, :], float64[:, :, :], float64[::1], float64[:, ::1])")
@@ -72,7 +75,7 @@ def passes_gates(
     """
     n, k = residual.shape
     r, C = np.empty(k), np.empty((k, k))
-    passed = np.empty(n, dtype=np.bool_)
+    passes = np.empty(n, dtype=np.bool_)
     for i in range(n):
         credible = True
         for j in range(k):
@@ -80,16 +83,16 @@ def passes_gates(
             credible = credible and small and math.isfinite(residual[i, j])
         if credible and chi2_gate > 0:
             credible = _squared_distance(i, residual, covariance, r, C) <= chi2_gate
-        passed[i] = credible
-    return passed
+        passes[i] = credible
+    return passes
 
 
-class Consensus(NamedTuple):
+class Inliers(NamedTuple):
     """Innovations that agree with each other.
 
     Attributes
     ----------
-    kept : ndarray of int64, (k,)
+    indices : ndarray of int64, (k,)
         Which they are.
     inverse : ndarray, (k r, k r)
         Inverse of their joint covariance S.
@@ -97,13 +100,13 @@ class Consensus(NamedTuple):
         ``S^-1 r``.
     """
 
-    kept: NDArray[np.int64]
+    indices: NDArray[np.int64]
     inverse: Array
     weighted: Array
 
 
-def consensus(chi2_gate: float, residual: Array, inverse: Array) -> Consensus:
-    """Reject what all the others together contradict.
+def deletion_gate(chi2_gate: float, residual: Array, inverse: Array) -> Inliers:
+    """Reject what all the others together contradict: the gate on deletion residuals.
 
     Where the motion is uncertain, so is every innovation, and a wrong one passes a gate of its
     own; but the others tell the motion. Of an innovation r_i given all the others, the squared
@@ -122,19 +125,19 @@ def consensus(chi2_gate: float, residual: Array, inverse: Array) -> Consensus:
         Inverse of their joint covariance S.
     """
     r = residual.shape[1]
-    kept = np.arange(len(residual))
+    inliers = np.arange(len(residual))
     weighted = inverse @ residual.ravel()
-    while chi2_gate > 0 and len(kept):
+    while chi2_gate > 0 and len(inliers):
         distance = mahalanobis_squared(weighted.reshape(-1, r), diagonal_blocks(inverse, r))
         worst = float(np.max(distance))
         if worst <= chi2_gate:
             break
-        wrong = distance > max(chi2_gate, 0.5 * worst)
+        wrong = distance > max(chi2_gate, _AS_FAR_OFF * worst)
         stay = np.flatnonzero(np.repeat(~wrong, r))
         go = np.flatnonzero(np.repeat(wrong, r))
         cross = inverse[np.ix_(stay, go)]
         change = cross @ np.linalg.solve(inverse[np.ix_(go, go)], cross.T)
         inverse = inverse[np.ix_(stay, stay)] - symmetrized(change)
-        kept = kept[~wrong]
-        weighted = inverse @ residual[kept].ravel()
-    return Consensus(kept, inverse, weighted)
+        inliers = inliers[~wrong]
+        weighted = inverse @ residual[inliers].ravel()
+    return Inliers(inliers, inverse, weighted)

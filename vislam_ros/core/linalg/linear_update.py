@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The correction of a Kalman filter, as the few LAPACK calls it needs, in place.
 
+The report's ``K = P H^T S^-1``, ``S = H P H^T + R`` and ``(I - K H) P`` (eq. 7-9, 22-24, 35-36 and
+69-71), without forming K, and in forms that stay symmetric and positive.
+
 There are two: :func:`correct` for any H, and :func:`correct_directly` where components of the
 state are themselves observed. Covariances are C-ordered and symmetric, so the transposed view of
 one is itself in the Fortran order that LAPACK works on without a copy.
 """
 
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import scipy.linalg
@@ -51,15 +54,49 @@ class Scratch:
         return self.matrix(name, size, size)
 
 
-def without(P: Array, kept: NDArray[np.int64], scratch: Scratch) -> Array:
-    """Covariance (k, k) of some components of an error state."""
-    rest = scratch.successor(P, len(kept))
-    take(P, kept, kept, rest)
+class FreshMemory(Scratch):
+    """Scratch that gives new matrices: for whoever keeps what was worked out in them."""
+
+    def matrix(self, name: str, rows: int, columns: int) -> Array:
+        """Return a new matrix, C-ordered, with anything in it."""
+        return np.empty((rows, columns))
+
+
+def marginal(P: Array, rows: NDArray[np.int64], scratch: Scratch) -> Array:
+    """Covariance (k, k) of some components of an error state, the others left out."""
+    rest = scratch.successor(P, len(rows))
+    take(P, rows, rows, rest)
     return rest
 
 
-def correct(P: Array, S: Array, HP: Array, residual: Array) -> tuple[Array, float]:
-    """Correct a covariance in place and return what the state is to be moved by.
+class Corrected(NamedTuple):
+    """What a correction has found, with ``S = L L^T``.
+
+    Attributes
+    ----------
+    delta : ndarray, (D,)
+        ``K r``, what the state is to be moved by.
+    whitened : ndarray, (m,)
+        ``L^-1 r``.
+    Y : ndarray, (m, D)
+        ``L^-1 H P``.
+    L : ndarray, (m, m)
+        In its lower triangle; above it there may be anything.
+    """
+
+    delta: Array
+    whitened: Array
+    Y: Array
+    L: Array
+
+    @property
+    def nis(self) -> float:
+        """``r^T S^-1 r``."""
+        return float(self.whitened @ self.whitened)
+
+
+def correct(P: Array, S: Array, HP: Array, residual: Array) -> Corrected:
+    """Correct a covariance in place.
 
     With ``S = L L^T`` and ``Y = L^-1 H P``, ``P - K S K^T`` is ``P - Y^T Y``: symmetric to the
     last bit, unlike ``(I - K H) P``.
@@ -73,13 +110,6 @@ def correct(P: Array, S: Array, HP: Array, residual: Array) -> tuple[Array, floa
     HP : ndarray, (m, D)
         C-ordered; is overwritten.
     residual : ndarray, (m,)
-
-    Returns
-    -------
-    delta : ndarray, (D,)
-        ``K r``.
-    nis : float
-        ``r^T S^-1 r``.
 
     Raises
     ------
@@ -113,7 +143,7 @@ def correct(P: Array, S: Array, HP: Array, residual: Array) -> tuple[Array, floa
         )
     blas.dsyrk(-1.0, Y_T, beta=1.0, c=P.T, lower=1, overwrite_c=1)
     mirror_upper(P)
-    return Y_T @ whitened, float(whitened @ whitened)
+    return Corrected(Y_T @ whitened, whitened, Y_T.T, L)
 
 
 def inverse_of_positive(S: Array) -> Array:
@@ -148,10 +178,10 @@ def inverse_of_positive(S: Array) -> Array:
 
 
 @compiled(
-    "Tuple((float64[:, ::1], float64[::1]))"
+    "Tuple((float64[:, ::1], float64[::1], float64[:, ::1]))"
     "(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])"
 )
-def whitened(P: Array, H: Array, noise: Array, residual: Array) -> tuple[Array, Array]:
+def whitened(P: Array, H: Array, noise: Array, residual: Array) -> tuple[Array, Array, Array]:
     """Whiten a few rows of observations of the first components of the state.
 
     With ``S = H P H^T + R = L L^T`` the correction takes ``Y^T Y`` from P and adds ``Y^T L^-1 r``
@@ -171,6 +201,7 @@ def whitened(P: Array, H: Array, noise: Array, residual: Array) -> tuple[Array, 
     Y : ndarray, (r, D)
     whitened_residual : ndarray, (r,)
         ``L^-1 r``.
+    L : ndarray, (r, r)
 
     Raises
     ------
@@ -205,7 +236,7 @@ def whitened(P: Array, H: Array, noise: Array, residual: Array) -> tuple[Array, 
         white[i] /= L[i, i]
         for j in range(len(P)):
             Y[i, j] /= L[i, i]
-    return Y, white
+    return Y, white, L
 
 
 def correct_directly(

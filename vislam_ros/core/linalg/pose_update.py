@@ -1,6 +1,9 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Correction of a pose by many observations at once, in the size of the pose."""
+"""Correction of a pose by many observations at once, in the size of the pose.
+
+The report's eq. 16-18 and 59-61 in the information form, equal by Woodbury's identity.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a drive's other landmarks tell of a new one's disparity.
+"""Prior of a new landmark's disparity, from the drive's other landmarks.
 
 A first observation scatters about the true disparity, and the scatter is not the same both ways:
 most points lie at some middle distance, so a disparity that is measured far from there is the
@@ -22,17 +22,21 @@ from vislam_ros.core.compiled import compiled
 
 Array = NDArray[np.float64]
 
-# A minute or so of new landmarks; the quartiles are taken anew after every so many.
+# Counted in landmarks, for each has one first observation at any frame rate: the memory, in which
+# quartiles are good to 3 % of the spread, and what there must be before there is a prior. On the
+# drives 2000 come in a minute or so.
 _MEMORY = 2000
-_RENEWAL = 50
-# Landmarks before there is a prior.
 _ENOUGH = 100
+# To save time: the quartiles are taken anew after every so many.
+_RENEWAL = 50
 # Share of points at infinity. On the drives a hundredth has no positive disparity.
 _AT_INFINITY = 0.02
 # The lower quartile must exceed the noise by so much for its logarithm to mean something.
 _LEAST_QUARTILE = 1.5
 # What lies farther off from its posterior mean than this does not come from the prior [std].
 _FARTHEST = 3.0
+# A posterior keeps at least this share of the measured variance: the prior is only a fit.
+_LEAST_VARIANCE = 0.1
 # Distance of the quartiles of a standard normal variable.
 _QUARTILES = 1.349
 # About a measurement, in its standard deviations.
@@ -46,18 +50,18 @@ class DisparityPrior:
 
     def __init__(self) -> None:
         self._ring = np.empty(_MEMORY)
-        self._heard = 0
+        self._count = 0
         self._renewed = -_RENEWAL
         self._quartiles: Array = np.zeros(3)
 
-    def hear(self, disparities: Array) -> None:
+    def add(self, disparities: Array) -> None:
         """Learn from measured disparities (n,), pixels."""
-        places = (self._heard + np.arange(len(disparities))) % _MEMORY
+        places = (self._count + np.arange(len(disparities))) % _MEMORY
         self._ring[places] = disparities
-        self._heard += len(disparities)
-        if self._heard >= _ENOUGH and self._heard - self._renewed >= _RENEWAL:
-            self._renewed = self._heard
-            self._quartiles = np.quantile(self._ring[: self._heard], [0.25, 0.5, 0.75])
+        self._count += len(disparities)
+        if self._count >= _ENOUGH and self._count - self._renewed >= _RENEWAL:
+            self._renewed = self._count
+            self._quartiles = np.quantile(self._ring[: self._count], [0.25, 0.5, 0.75])
 
     def posterior(self, measured: Array, variance: Array) -> tuple[Array, Array]:
         """Mean and variance (n,) of disparities, given what was measured of them.
@@ -79,14 +83,14 @@ class DisparityPrior:
             return measured, variance
         return _posterior(measured, variance, middle, math.log(high / low) / _QUARTILES)
 
-    def applied(self, y: Array, noise: Array) -> tuple[Array, Array]:
-        """Image points (n, 3) and their covariances (n, 3, 3), given what the prior says.
+    def apply(self, y: Array, noise: Array) -> tuple[Array, Array]:
+        """Posterior of first image points (n, 3) with covariances (n, 3, 3).
 
         Learns from them first. What of an image point goes with its disparity ``u_left -
         u_right`` moves along.
         """
         measured = y[:, 0] - y[:, 1]
-        self.hear(measured)
+        self.add(measured)
         with_disparity = noise[:, :, 0] - noise[:, :, 1]
         variance = with_disparity[:, 0] - with_disparity[:, 1]
         mean, remaining = self.posterior(measured, variance)
@@ -125,6 +129,6 @@ def _posterior(
             shift, square = shift / total, square / total
             if abs(shift) < _FARTHEST * std:
                 mean[i] = y + shift
-                left = max(square - shift * shift, 0.1 * variance[i])
+                left = max(square - shift * shift, _LEAST_VARIANCE * variance[i])
                 remaining[i] = min(left, variance[i])
     return mean, remaining

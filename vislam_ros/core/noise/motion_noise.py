@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise levels of the motion, learned as the filter goes.
 
-Where vision has seen a step, the filter tells how much the twist has changed in it and how far the
+Where vision has seen a step, the filter knows how much the twist has changed in it and how far the
 measured twist was off: the expectation-maximisation step of Shumway and Stoffer (*An approach to
 time series smoothing and forecasting using the EM algorithm*, 1982), with filtered moments in
 place of smoothed ones and a mean that forgets. On each axis, for the random step ``u = u_before +
@@ -20,14 +20,16 @@ back only, so the levels are the same live and offline.
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.twist_noise import TwistNoise
 
 Array = NDArray[np.float64]
 
-# Half a minute at 10 Hz; the prior of the walk counts as the first few steps.
-_MEMORY = 300
+# Memory of what vision has seen of the motion [s].
+_MEMORY = 30.0
+# Evidence, which comes by the step at any rate: the prior of the walk counts as the first few
+# steps, and so many must have been seen before they bound the measured twist's noise.
 _PRIOR_STEPS = 5
-# Steps seen before what they tell of the measured twist counts.
 _ENOUGH_STEPS = 50
 # A twist that repeats itself to the last digit is still no better than this [m/s, rad/s].
 _SMALLEST_NOISE = (1e-5, 1e-6)
@@ -41,9 +43,11 @@ class MotionNoise:
     Parameters
     ----------
     twist_std : ndarray, (6,)
-        White noise of a sample to believe at first, metres and radians a second.
+        Prior of a sample's white noise, metres and radians a second.
     walk_std : ndarray, (6,)
-        Random walk to believe at first, the same a root of a second.
+        Prior of the random walk, the same a root of a second.
+    rate : FrameRate
+        Of the steps, kept up to date by the filter.
 
     Attributes
     ----------
@@ -51,14 +55,15 @@ class MotionNoise:
         Variance of the twist's change in a second on each axis.
     """
 
-    def __init__(self, twist_std: Array, walk_std: Array):
-        self._differences = TwistNoise(twist_std)
+    def __init__(self, twist_std: Array, walk_std: Array, rate: FrameRate):
+        self._rate = rate
+        self._differences = TwistNoise(twist_std, rate)
         self._learned = 0
         self._unexplained: Array = np.zeros(6)
         self.walk_variance: Array = np.square(walk_std)
 
-    def hear(self, twist: Array) -> None:
-        """Take a measured twist (6,)."""
+    def add(self, twist: Array) -> None:
+        """Add a measured twist (6,)."""
         self._differences.add(twist)
 
     @property
@@ -81,7 +86,7 @@ class MotionNoise:
             levels += 3 * [max(level, smallest**2)]
         return np.array(levels)
 
-    def learn(
+    def update(
         self, change: Array, before: Array, after: Array, unexplained: Array, tau: float
     ) -> None:
         """Learn from a step in which vision has seen the motion.
@@ -101,7 +106,8 @@ class MotionNoise:
         gain = Q / before
         variance = ((gain * change) ** 2 + Q - gain**2 * (before - after)) / tau
         self._learned += 1
-        self._unexplained += (unexplained - self._unexplained) / min(self._learned, _MEMORY)
-        share = 1.0 / min(self._learned + _PRIOR_STEPS, _MEMORY)
+        memory = self._rate.frames(_MEMORY)
+        self._unexplained += (unexplained - self._unexplained) / min(self._learned, memory)
+        share = 1.0 / min(self._learned + _PRIOR_STEPS, memory)
         learned = self.walk_variance + share * (variance - self.walk_variance)
         self.walk_variance = np.maximum(learned, _SMALLEST_WALK**2)

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The noise of tracks, learned as the filter goes.
 
-*Level.* One scale of the told variances V for the whole drive, by which the innovations are as
+*Level.* One scale of the prior variances V for the whole drive, by which the innovations are as
 large as they are expected to be: a stochastic approximation (Robbins and Monro, *A stochastic
 approximation method*, 1951) of ``E[r^T S^-1 r] = dim r``, the condition of covariance matching
 (Mehra, *Approaches to adaptive filtering*, 1972). The noise is only a part of S, so that a change
 of the level by a factor changes the left side by less: by ``tr(S^-1 R)``, over which each step is
 divided (Fisher's scoring). A point has one row in both images; where the rows of the first tracks
-differ by more than was told, the level begins there. They may agree by far better than one frame
+differ by more than the prior, the level begins there. They may agree by far better than one frame
 agrees with the next, so they never lower it.
 
 *Quality.* Most tracks are better than the level and some are far worse: on real drives the errors
@@ -36,21 +36,26 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.twist_noise import MEDIAN_TO_STD
 
 Array = NDArray[np.float64]
 
-# Half a minute at 10 Hz; the level told counts as the first few frames.
-_MEMORY = 300
+# Memory of the level [s], and the evidence that its prior counts as: so many frames, each as good
+# as the next at any rate.
+_MEMORY = 30.0
 _PRIOR_FRAMES = 25
 # First tracks whose rows tell where to begin.
 _ENOUGH_ROWS = 20
 # The largest change of the level's logarithm in a frame, and its bounds: a hundredth and a hundred
-# times the standard deviation told.
+# times the prior standard deviation.
 _LARGEST_CHANGE = 0.3
 _LIMIT = math.log(1e4)
 # The prior of a track's own scale counts as this many numbers observed.
 _PRIOR_NUMBERS = 6.0
+# A disparity's error stays where it changes by less than this share of itself; see above for the
+# shares of errors that do.
+_STAYS = 0.5
 # Of the share of disparity errors that stay: its start, just short of proof, the number of errors
 # that it counts for and those remembered at most, and where offsets are taken for proven.
 _FIRST_SHARE = 0.34
@@ -62,7 +67,7 @@ _WIDER_GATE = 1.5
 # The offset grows with the disparity, by this share of it.
 _RELATIVE_OFFSET = 0.02
 
-# Which of (u_left, u_right, v) a known landmark's observation tells anew.
+# Which of (u_left, u_right, v) a known landmark's observation adds.
 _ALL = np.array([0, 1, 2])
 _WITHOUT_RIGHT = np.array([0, 2])
 
@@ -73,10 +78,12 @@ class TrackNoise:
     Parameters
     ----------
     variances : ndarray, (3,)
-        Told variances of ``(u_left, u_right, v)``, square pixels.
+        Prior variances of ``(u_left, u_right, v)``, square pixels.
     offset_std : float
         Standard deviation of the offset that a track's disparity keeps, where a drive has one,
         pixels; 0 where none is looked for.
+    rate : FrameRate
+        Of the frames, kept up to date by the filter.
     learns : bool
         Whether it learns, or the variances are held.
 
@@ -86,7 +93,8 @@ class TrackNoise:
         Scale of the variances for all tracks.
     """
 
-    def __init__(self, variances: Array, offset_std: float, *, learns: bool):
+    def __init__(self, variances: Array, offset_std: float, rate: FrameRate, *, learns: bool):
+        self._rate = rate
         self._variances = variances
         self._offset_variance = offset_std**2
         self._learns = learns
@@ -106,7 +114,7 @@ class TrackNoise:
 
     @property
     def components(self) -> NDArray[np.int64]:
-        """Which of ``(u_left, u_right, v)`` tell anything new of a known landmark."""
+        """Which of ``(u_left, u_right, v)`` say anything new of a known landmark."""
         return _WITHOUT_RIGHT if self.has_offsets else _ALL
 
     def of_new_tracks(self, y: Array) -> Array:
@@ -122,9 +130,9 @@ class TrackNoise:
         """Bound of the squared distances of innovations: wider where tracks differ in quality."""
         return _WIDER_GATE * chi2_gate if self.has_offsets else chi2_gate
 
-    def variances(self, slots: NDArray[np.int64]) -> Array:
+    def variances(self, indices: NDArray[np.int64]) -> Array:
         """Variances (n, 3) of the image points of known landmarks, square pixels."""
-        return self.level * self._scale(slots)[:, None] * self._variances
+        return self.level * self._scale(indices)[:, None] * self._variances
 
     def expected(self, variances: Array, y: Array) -> Array:
         """Variances (n, 3) that innovations at image points (n, 3) add to those of the state."""
@@ -134,33 +142,33 @@ class TrackNoise:
         expected[:, 1] += self._offset_variances(y)
         return expected
 
-    def start(self, mismatch: Array) -> None:
-        """Take how far the rows (n,) of the first tracks differ, in standard deviations told."""
+    def initialize_level(self, mismatch: Array) -> None:
+        """Set it by how far the rows (n,) of the first tracks differ, in prior deviations."""
         if self._learns and not self._frames and len(mismatch) >= _ENOUGH_ROWS:
             spread = MEDIAN_TO_STD * float(np.median(np.abs(mismatch - np.median(mismatch))))
             self.level = min(max(self.level, spread**2), math.exp(_LIMIT))
 
-    def begin(self, count: int) -> None:
+    def add(self, count: int) -> None:
         """Append so many landmarks."""
         prior = np.full(count, _PRIOR_NUMBERS)
         self._noise = np.concatenate([self._noise, prior])
         self._observed = np.concatenate([self._observed, prior])
         self._last_error = np.concatenate([self._last_error, np.full(count, np.nan)])
 
-    def end(self, gone: NDArray[np.bool_]) -> None:
-        """Forget the landmarks (n,) that are gone."""
+    def remove(self, gone: NDArray[np.bool_]) -> None:
+        """Remove the landmarks (n,) that are gone."""
         self._noise, self._observed = self._noise[~gone], self._observed[~gone]
         self._last_error = self._last_error[~gone]
 
-    def see(
-        self, slots: NDArray[np.int64], residual: Array, information: Array, weighted: Array
+    def update(
+        self, indices: NDArray[np.int64], residual: Array, information: Array, weighted: Array
     ) -> None:
-        """Learn from the observations of a frame that were believed.
+        """Learn from the inliers of a frame.
 
         Parameters
         ----------
-        slots : ndarray of int64, (n,)
-            Places of the landmarks seen, all different.
+        indices : ndarray of int64, (n,)
+            Indices of the landmarks seen, all different.
         residual : ndarray, (n, 3)
             Innovations r of all three numbers, pixels.
         information : ndarray, (n r,)
@@ -173,37 +181,37 @@ class TrackNoise:
             return
         used = self.components
         numbers = len(used)
-        scale = self._scale(slots)
+        scale = self._scale(indices)
         R_0 = self.level * self._variances[used]
         w, D = weighted.reshape(-1, numbers), information.reshape(-1, numbers)
         from_noise = scale * (D @ R_0)
-        self._noise[slots] += scale * (scale * (w * w @ R_0) - from_noise + numbers)
-        self._observed[slots] += numbers
+        self._noise[indices] += scale * (scale * (w * w @ R_0) - from_noise + numbers)
+        self._observed[indices] += numbers
 
         self._frames += 1
         excess = float(weighted @ residual[:, used].ravel()) - len(weighted)
-        frames = min(self._frames + _PRIOR_FRAMES, _MEMORY)
+        frames = min(self._frames + _PRIOR_FRAMES, self._rate.frames(_MEMORY))
         change = excess / (frames * float(np.sum(from_noise)))
         change = min(max(change, -_LARGEST_CHANGE), _LARGEST_CHANGE)
         self.level = math.exp(min(max(math.log(self.level) + change, -_LIMIT), _LIMIT))
-        self._judge_offsets(slots, residual[:, 0] - residual[:, 1])
+        self._judge_offsets(indices, residual[:, 0] - residual[:, 1])
 
-    def _scale(self, slots: NDArray[np.int64]) -> Array:
+    def _scale(self, indices: NDArray[np.int64]) -> Array:
         """Scales (n,) of tracks' own noise."""
-        return self._noise[slots] / self._observed[slots]
+        return self._noise[indices] / self._observed[indices]
 
     def _offset_variances(self, y: Array) -> Array:
         """Variances (n,) of the disparities' offsets at image points (n, 3)."""
         disparity: Array = y[:, 0] - y[:, 1]
         return self._offset_variance + np.square(_RELATIVE_OFFSET * disparity)
 
-    def _judge_offsets(self, slots: NDArray[np.int64], error: Array) -> None:
+    def _judge_offsets(self, indices: NDArray[np.int64], error: Array) -> None:
         """Learn from the disparities' innovations (n,) whether their errors stay."""
-        last = self._last_error[slots]
-        self._last_error[slots] = error
+        last = self._last_error[indices]
+        self._last_error[indices] = error
         compared = np.isfinite(last)
         count = int(np.count_nonzero(compared))
         if count:
-            staying = np.count_nonzero(np.abs(error - last) < 0.5 * np.abs(last))
+            staying = int(np.count_nonzero(np.abs(error - last) < _STAYS * np.abs(last)))
             self._errors = min(self._errors + count, _ERRORS_REMEMBERED)
             self._staying += (staying - count * self._staying) / self._errors

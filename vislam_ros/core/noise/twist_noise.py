@@ -7,6 +7,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.noise.frame_rate import FrameRate
+
 Array = NDArray[np.float64]
 
 # A third difference of white noise has 1 + 9 + 9 + 1 = 20 times its variance, while the motion of
@@ -14,12 +16,13 @@ Array = NDArray[np.float64]
 _VARIANCE_RATIO = 20.0
 #: Median of the absolute value of a standard normal variable, inverted.
 MEDIAN_TO_STD = 1.4826
-# Samples remembered: half a minute at 10 Hz, enough for a median that is good to 5 %.
-_WINDOW = 300
-# The median is taken anew at every sample at first, and then at every tenth.
+# Memory [s]; at 10 Hz enough to know an axis to 9 %.
+_MEMORY = 30.0
+# To save time: the median is taken anew at every sample at first, and then at every tenth.
 _OFTEN, _RENEWAL = 50, 10
-# The prior counts as this many third differences.
-_PRIOR_WEIGHT = 10
+# Evidence, which comes by the sample at any rate: the prior counts as this many third differences
+# at first, and fades by the square of their number from so many on: it may be a hundredfold off.
+_PRIOR_WEIGHT, _PRIOR_FADES = 10, 5
 
 
 def white_noise_std(third_differences: Array) -> Array:
@@ -46,12 +49,14 @@ def white_noise_levels(twists: Array) -> tuple[float, float]:
 class TwistNoise:
     """Running estimate of the standard deviation of each axis (6,) of a twist.
 
-    It looks at samples already heard only, so it is the same live and offline.
+    It looks at past samples only, so it is the same live and offline.
 
     Parameters
     ----------
     prior : ndarray, (6,)
-        What to believe before there are samples.
+        Standard deviations before there are samples.
+    rate : FrameRate
+        Of the samples, kept up to date by the filter.
 
     Attributes
     ----------
@@ -59,28 +64,30 @@ class TwistNoise:
         Standard deviations, metres and radians a second.
     """
 
-    def __init__(self, prior: Array):
+    def __init__(self, prior: Array, rate: FrameRate):
         self._prior = prior
+        self._rate = rate
         self._samples: deque[Array] = deque(maxlen=4)
-        # A ring of absolute third differences.
-        self._differences = np.empty((_WINDOW, 6))
-        self._heard = 0
+        # Absolute third differences, the latest last.
+        self._differences: deque[Array] = deque()
+        self._added = 0
         self.std: Array = prior
 
     def add(self, twist: Array) -> None:
-        """Hear a sample (6,)."""
+        """Add a sample (6,)."""
         self._samples.append(twist)
         if len(self._samples) == 4:
             a, b, c, d = self._samples
-            self._differences[self._heard % _WINDOW] = np.abs(d - 3 * c + 3 * b - a)
-            self._heard += 1
-            if self._heard < _OFTEN or self._heard % _RENEWAL == 0:
+            self._differences.append(np.abs(d - 3 * c + 3 * b - a))
+            while len(self._differences) > self._rate.frames(_MEMORY):
+                self._differences.popleft()
+            self._added += 1
+            if self._added < _OFTEN or self._added % _RENEWAL == 0:
                 self.std = self._measured()
 
     def _measured(self) -> Array:
-        count = min(self._heard, _WINDOW)
-        measured = white_noise_std(self._differences[:count])
-        # The prior fades fast, for it may be a hundredfold off.
-        weight = _PRIOR_WEIGHT / max(1.0, (count / 5) ** 2)
+        count = len(self._differences)
+        measured = white_noise_std(np.array(self._differences))
+        weight = _PRIOR_WEIGHT / max(1.0, (count / _PRIOR_FADES) ** 2)
         variance = (weight * self._prior**2 + count * measured**2) / (weight + count)
         return np.sqrt(variance)

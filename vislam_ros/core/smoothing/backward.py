@@ -9,17 +9,50 @@ C^T`` are that filter's last words on the landmark. A pose is smoothed as if it 
 step.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.linalg.linear_update import Scratch
-from vislam_ros.core.smoothing.error_operations import Adjoint, Kept, PoseMark, Retirement
-from vislam_ros.core.smoothing.tape import Stretch, Tape
+from vislam_ros.core.linalg.linear_update import FreshMemory
+from vislam_ros.core.operations.correction import Correction, VehicleCorrection
+from vislam_ros.core.operations.direct_correction import DirectCorrection
+from vislam_ros.core.operations.error_state import ErrorState, Operation, PoseMark
+from vislam_ros.core.operations.initialization import Initialization
+from vislam_ros.core.operations.marginalization import Marginalization
+from vislam_ros.core.operations.transition import RandomWalk, Transition, VehicleTransition
+from vislam_ros.core.smoothing.adjoint import Adjoint, Backward
+from vislam_ros.core.smoothing.correction_adjoints import (
+    CorrectionAdjoint,
+    DirectCorrectionAdjoint,
+    VehicleCorrectionAdjoint,
+)
+from vislam_ros.core.smoothing.operation_adjoints import (
+    InitializationAdjoint,
+    MarginalizationAdjoint,
+    PoseMarkAdjoint,
+    RandomWalkAdjoint,
+    TransitionAdjoint,
+    VehicleTransitionAdjoint,
+)
+from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.tracking.tracked_frame import Keys
 
 Array = NDArray[np.float64]
+
+_ADJOINTS: dict[type[Operation[Any]], Callable[[Any, ErrorState], Backward]] = {
+    RandomWalk: RandomWalkAdjoint,
+    VehicleTransition: VehicleTransitionAdjoint,
+    Transition: TransitionAdjoint,
+    Correction: CorrectionAdjoint,
+    VehicleCorrection: VehicleCorrectionAdjoint,
+    DirectCorrection: DirectCorrectionAdjoint,
+    Initialization: InitializationAdjoint,
+    Marginalization: MarginalizationAdjoint,
+    PoseMark: PoseMarkAdjoint,
+}
 
 
 @dataclass(frozen=True)
@@ -33,7 +66,7 @@ class Smoothed:
     pose_covariances : ndarray, (T, 6, 6)
         Of the pose errors ``[rho; theta]`` on the right.
     keys : ndarray of int64, (M,)
-        The landmarks that were set aside, in that order.
+        The landmarks that were marginalized, in that order.
     positions : ndarray, (M, 3)
         Metres.
     covariances : ndarray, (M, 3, 3)
@@ -49,22 +82,22 @@ class Smoothed:
 
 def smooth(tape: Tape) -> Smoothed:
     """Go back over a tape, which stays as it is, from its end to its beginning."""
-    s = tape.small_size
     poses: list[tuple[Array, Array]] = []
     landmarks: list[tuple[Keys, Array, Array]] = []
     adjoint: Adjoint | None = None
-    scratch = Scratch()
-    for stretch in reversed(tape.stretches):
-        P, kept_of = _carried(stretch, s, scratch)
+    for checkpoint in reversed(tape.checkpoints):
+        state = ErrorState(checkpoint.covariance, tape.vehicle_size, scratch=FreshMemory())
+        steps = [
+            _ADJOINTS[type(operation)](operation, state) for operation in checkpoint.operations
+        ]
         if adjoint is None:
-            adjoint = Adjoint(np.zeros(len(P)), np.zeros_like(P))
-        for operation in reversed(stretch.operations):
-            kept = kept_of.pop()
-            if isinstance(operation, PoseMark):
-                poses.append(operation.smoothed(adjoint, kept))
-            elif isinstance(operation, Retirement):
-                landmarks.append((operation.keys, *operation.final(adjoint, kept)))
-            adjoint = operation.pull_back(adjoint, kept, s)
+            adjoint = Adjoint.zero(len(state.covariance))
+        for step in reversed(steps):
+            if isinstance(step, PoseMarkAdjoint):
+                poses.append(step.smoothed(adjoint))
+            elif isinstance(step, MarginalizationAdjoint):
+                landmarks.append((step.keys, *step.final(adjoint)))
+            adjoint = step.backward(adjoint)
     poses.reverse()
     landmarks.reverse()
     return Smoothed(
@@ -74,13 +107,3 @@ def smooth(tape: Tape) -> Smoothed:
         positions=np.concatenate([np.empty((0, 3)), *(means for _, means, _ in landmarks)]),
         covariances=np.concatenate([np.empty((0, 3, 3)), *(P for _, _, P in landmarks)]),
     )
-
-
-def _carried(stretch: Stretch, s: int, scratch: Scratch) -> tuple[Array, list[Kept]]:
-    """Carry the covariance over a stretch; return its end and what each operation keeps."""
-    P = stretch.covariance.copy()
-    kept_of = []
-    for operation in stretch.operations:
-        P, kept = operation.carry(P, s, scratch)
-        kept_of.append(kept)
-    return P, kept_of

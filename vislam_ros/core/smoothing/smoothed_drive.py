@@ -12,7 +12,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.smoothing.backward import smooth
 from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.tracking.tracked_frame import Keys
-from vislam_ros.core.tracking.tracks import among, slots_of
+from vislam_ros.core.tracking.tracks import indices_of, is_member
 
 Array = NDArray[np.float64]
 
@@ -57,9 +57,9 @@ def smoothed_drive(
         others.
     """
     smoothed = smooth(tape)
-    # What was set aside without a position is on the tape and not in the map.
-    mapped = among(smoothed.keys, keys)
-    slots = slots_of(smoothed.keys[mapped], keys)
+    # What was marginalized without a position is on the tape and not in the map.
+    mapped = is_member(smoothed.keys, keys)
+    slots = indices_of(smoothed.keys[mapped], keys)
     positions, covariances = landmarks.positions.copy(), landmarks.covariances.copy()
     positions[slots] = smoothed.positions[mapped]
     covariances[slots] = smoothed.covariances[mapped]

@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A frame of features whose observations are told apart by physical point (see tracks)."""
+"""A frame of features whose observations are assigned to physical points (see tracks)."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ Keys = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """One features message, its observations told apart by physical point.
+    """One features message, its observations assigned to physical points.
 
     Those of tracks that rest after a rejection are left out.
 

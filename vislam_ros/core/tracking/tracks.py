@@ -23,32 +23,27 @@ from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 NO_KEY = -1
 
 
-def slots_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
+@compiled("int64[::1](int64[:], int64[:])")
+def indices_of(keys: Keys, table: Keys) -> NDArray[np.int64]:
     """Places (n,) in a table (m,) of different keys, in any order, of keys (n,); -1 for none."""
     order = np.argsort(table)
-    return _found(keys, table[order], order)
-
-
-@compiled("int64[::1](int64[:], int64[:], int64[:])")
-def _found(keys: Keys, ordered: Keys, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Each key's place, or -1 where it is not among the ordered keys of the places."""
     result = np.empty(len(keys), dtype=np.int64)
     for i in range(len(keys)):
-        low, high = 0, len(ordered)
+        low, high = 0, len(order)
         while low < high:
             middle = (low + high) // 2
-            if ordered[middle] < keys[i]:
+            if table[order[middle]] < keys[i]:
                 low = middle + 1
             else:
                 high = middle
-        there = low < len(ordered) and ordered[low] == keys[i]
-        result[i] = places[low] if there else -1
+        there = low < len(order) and table[order[low]] == keys[i]
+        result[i] = order[low] if there else -1
     return result
 
 
-def among(keys: Keys, table: Keys) -> NDArray[np.bool_]:
+def is_member(keys: Keys, table: Keys) -> NDArray[np.bool_]:
     """Tell which keys (n,) are in a table (m,) of different keys, in any order."""
-    return slots_of(keys, table) >= 0
+    return indices_of(keys, table) >= 0
 
 
 class Tracks:
@@ -136,7 +131,7 @@ class Tracks:
         if not frozen:
             copied[:] = False
         ended = [keys[copied]]
-        rest[copied] = 0
+        # A copied track stands for another point now, so it rests no longer.
         fresh = ((keys == NO_KEY) & (rest == 0)) | copied
         keys[fresh] = self._new_keys(ids[fresh])
 
@@ -156,9 +151,9 @@ class Tracks:
         )
 
     def restart(self, keys: Keys, *, rest: bool) -> None:
-        """End points whose observation was rejected; told so, their ids rest before."""
+        """End points whose observation was rejected; their ids may rest before they go on."""
         if len(keys):
-            rejected = among(self._keys, keys)
+            rejected = is_member(self._keys, keys)
             self._keys[rejected] = NO_KEY
             self._rest[rejected] = self._rest_after_rejection if rest else 0
 

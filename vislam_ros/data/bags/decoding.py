@@ -1,6 +1,10 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""From messages to arrays; a message that is bad by itself raises ValueError with the reason."""
+"""From messages to what the core takes, for the message classes of rclpy and of rosbags alike.
+
+Only attributes are used, so the nodes and the reader of bags decode with the same functions and
+refuse the same messages: each raises a RefusedMessage that says what is wrong.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,10 +13,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.tracking.refusals import (
+    Refusal,
+    RefusedMessage,
+    check_features,
+    check_pose,
+    check_twist,
+)
 from vislam_ros.data.bags.feature_cloud import unpack_features
+from vislam_ros.data.bags.layout import Frames
 from vislam_ros.data.trajectory import NANOSECONDS
 
 Array = NDArray[np.float64]
+
+_SAME_PIXELS = 1e-3  # pixels by which equal projections may differ, as calibrations round them
 
 
 @dataclass(frozen=True)
@@ -31,96 +45,143 @@ class Projection:
     image_size: tuple[int, int]
 
 
-def stamp(header: Any) -> int:
+def stamp_of(header: Any) -> int:
     """Nanoseconds of a header's stamp."""
-    if header.stamp.sec < 0:
-        raise ValueError("stamp before 1970")
-    return int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
+    stamp = int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
+    if stamp < 0:
+        raise RefusedMessage(Refusal.BEFORE_1970, f"header.stamp.sec is {header.stamp.sec}")
+    return stamp
 
 
-def twist(message: Any) -> Array:
-    """``[v; omega]`` (6,) of a TwistWithCovarianceStamped, metres and radians a second."""
+def stamp_if_known(message: Any) -> int | None:
+    """Nanoseconds of a message's stamp, None where it has none that can be."""
+    try:
+        return stamp_of(message.header)
+    except (AttributeError, RefusedMessage):
+        return None
+
+
+def twist(message: Any, frames: Frames) -> tuple[int, Array]:
+    """Stamp (ns) and ``[v; omega]`` (6,) of a TwistWithCovarianceStamped, metres and radians."""
+    _check_frame("header.frame_id", message.header.frame_id, "base_frame", frames.base)
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    return _finite([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+    values = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+    check_twist(values)
+    return stamp_of(message.header), values
 
 
-def features(message: Any) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
-    """Ids (n,), increasing, and pixels (n, 4) of a features PointCloud2.
+def angular_velocity(message: Any, frames: Frames) -> tuple[int, Array]:
+    """Stamp (ns) and angular velocity (3,) of an Imu, radians a second."""
+    _check_frame("header.frame_id", message.header.frame_id, "base_frame", frames.base)
+    if message.angular_velocity_covariance[0] == -1.0:
+        raise RefusedMessage(Refusal.ABSENT_FIELD, "it says that it has no angular velocity")
+    omega = message.angular_velocity
+    return stamp_of(message.header), _finite([omega.x, omega.y, omega.z])
 
-    Raises
-    ------
-    VislamError
-        Where a field is missing or cannot be used.
+
+def features(message: Any, frames: Frames) -> tuple[int, NDArray[np.uint32], NDArray[np.float32]]:
+    """Stamp (ns), increasing ids (n,) and pixels (n, 4) of a features PointCloud2.
+
+    Pixels are ``u_left, v_left, u_right, v_right``.
     """
+    _check_frame("header.frame_id", message.header.frame_id, "camera_frame", frames.camera)
     ids, pixels = unpack_features(message)
-    if not np.all(np.isfinite(pixels)):
-        raise ValueError("not finite")
-    if np.all(ids[1:] > ids[:-1]):
-        return ids, pixels
-    order = np.argsort(ids, kind="stable")
-    ids, pixels = ids[order], pixels[order]
-    if np.any(ids[1:] == ids[:-1]):
-        raise ValueError("an id appears twice")
-    return ids, pixels
+    check_features(ids, pixels)
+    if not np.all(ids[1:] > ids[:-1]):
+        order = np.argsort(ids)
+        ids, pixels = ids[order], pixels[order]
+    return stamp_of(message.header), ids, pixels
 
 
-def pose(message: Any) -> Array:
-    """Position in metres and quaternion x, y, z, w (7,) of an Odometry."""
-    return _pose(message.pose.pose.position, message.pose.pose.orientation)
+def prediction(message: Any, frames: Frames) -> tuple[int, Array, Array]:
+    """Stamp (ns), position (3,) and unit quaternion (4,) of a predicted pose; see :func:`pose`."""
+    _check_frame("header.frame_id", message.header.frame_id, "odom_frame", frames.odom)
+    _check_frame("child_frame_id", message.child_frame_id, "base_frame", frames.base)
+    return true_pose(message)
 
 
-def transform(message: Any) -> Array:
-    """Position in metres and quaternion x, y, z, w (7,) of a TransformStamped."""
-    return _pose(message.transform.translation, message.transform.rotation)
+def true_pose(message: Any) -> tuple[int, Array, Array]:
+    """Stamp (ns), position (3,) and unit quaternion (4,) of the ground truth; see :func:`pose`."""
+    stamp, position, quaternion = pose(message)
+    check_pose(position, quaternion)
+    return stamp, position, quaternion
+
+
+def pose(message: Any) -> tuple[int, Array, Array]:
+    """Stamp (ns), position (3,) in metres and quaternion (4,) x, y, z, w of any Odometry.
+
+    Whatever numbers it holds: a recorder writes down a wrong estimate, too.
+    """
+    position, quaternion = message.pose.pose.position, message.pose.pose.orientation
+    return stamp_of(message.header), *_values_of(position, quaternion)
+
+
+def extrinsics(message: Any, frames: Frames) -> tuple[Array, Array]:
+    """Left camera in the body: position (3,) and quaternion (4,) of a TransformStamped."""
+    _check_frame("header.frame_id", message.header.frame_id, "base_frame", frames.base)
+    _check_frame("child_frame_id", message.child_frame_id, "camera_frame", frames.camera)
+    position, quaternion = _values_of(message.transform.translation, message.transform.rotation)
+    check_pose(position, quaternion)
+    return position, quaternion
 
 
 def projection(message: Any) -> Projection:
     """Projection of a CameraInfo."""
     P = _finite(message.p).reshape(3, 4)
     if P[0, 0] <= 0 or P[1, 1] <= 0:
-        raise ValueError("field p has no positive focal length")
+        raise RefusedMessage(
+            Refusal.NOT_A_PAIR, "field p has no positive focal length: calibrate the camera"
+        )
     return Projection(P, (int(message.width), int(message.height)))
 
 
-def stereo_camera(left: Projection, right: Projection, extrinsics: Array) -> StereoCamera:
-    """Camera of both projections and of the left camera's pose (7,) in the body.
+def check_pair(left: Projection, right: Projection) -> None:
+    """Refuse what is no rectified pair with the right camera to the right."""
+    if np.max(np.abs(left.P[:, :3] - right.P[:, :3])) > _SAME_PIXELS:
+        raise RefusedMessage(
+            Refusal.NOT_A_PAIR,
+            "field p differs in focal length or principal point: rectify both to the same",
+        )
+    if right.P[0, 3] >= 0:
+        raise RefusedMessage(
+            Refusal.NOT_A_PAIR,
+            f"field p[3] of the right camera is {right.P[0, 3]}: it must be -fx times the "
+            "baseline",
+        )
 
-    Raises
-    ------
-    ValueError
-        Where the two are not a rectified pair with the right camera to the right.
-    """
-    if np.max(np.abs(left.P[:, :3] - right.P[:, :3])) > 1e-3:
-        raise ValueError(
-            "field p differs in focal length or principal point: rectify both to the same"
-        )
-    fx_baseline = -float(right.P[0, 3])
-    if fx_baseline <= 0:
-        raise ValueError(
-            f"field p[3] of the right camera is {right.P[0, 3]}: it must be -fx times the baseline"
-        )
-    x, y, z, qx, qy, qz, qw = (float(value) for value in extrinsics)
+
+def stereo_camera(
+    left: Projection, right: Projection, position: Array, quaternion: Array
+) -> StereoCamera:
+    """Camera of a checked pair and of the left camera's pose in the body."""
+    x, y, z = position.tolist()
+    qx, qy, qz, qw = quaternion.tolist()
     return StereoCamera(
         fx=float(left.P[0, 0]),
         fy=float(left.P[1, 1]),
         cx=float(left.P[0, 2]),
         cy=float(left.P[1, 2]),
-        fx_baseline=fx_baseline,
+        fx_baseline=-float(right.P[0, 3]),
         position_body_camera=(x, y, z),
         quaternion_body_camera=(qx, qy, qz, qw),
     )
 
 
+def _check_frame(field: str, frame: str, parameter: str, expected: str) -> None:
+    if frame != expected:
+        raise RefusedMessage(
+            Refusal.UNKNOWN_FRAME,
+            f"{field} is {frame!r}, not {expected!r}: set the parameter {parameter} to it",
+        )
+
+
 def _finite(values: ArrayLike) -> Array:
     array = np.array(values, dtype=np.float64)
     if not np.all(np.isfinite(array)):
-        raise ValueError("not finite")
+        raise RefusedMessage(Refusal.NON_FINITE)
     return array
 
 
-def _pose(position: Any, orientation: Any) -> Array:
-    q = orientation
-    values = _finite([position.x, position.y, position.z, q.x, q.y, q.z, q.w])
-    if abs(np.linalg.norm(values[3:]) - 1.0) > 1e-3:
-        raise ValueError("not a unit quaternion")
-    return values
+def _values_of(translation: Any, rotation: Any) -> tuple[Array, Array]:
+    position = np.array([translation.x, translation.y, translation.z])
+    return position, np.array([rotation.x, rotation.y, rotation.z, rotation.w])

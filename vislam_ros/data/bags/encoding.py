@@ -92,7 +92,7 @@ class _Messages:
         """Calibration, once as users of cameras and once as users of TF expect it."""
         camera = self._drive.camera
         extrinsics = self._new["TransformStamped"](
-            header=self._header(stamp, self._frames.body),
+            header=self._header(stamp, self._frames.base),
             child_frame_id=self._frames.camera,
             transform=self._new["Transform"](
                 translation=self._vector(camera.position_body_camera),
@@ -108,7 +108,7 @@ class _Messages:
 
     def imu(self, k: int) -> Any:
         return self._new["Imu"](
-            header=self._header(self._drive.twist_stamps[k], self._frames.body),
+            header=self._header(self._drive.twist_stamps[k], self._frames.base),
             orientation=self._quaternion((0.0, 0.0, 0.0, 1.0)),
             orientation_covariance=_ABSENT,
             angular_velocity=self._vector(self._drive.twists[k, 3:]),
@@ -119,7 +119,7 @@ class _Messages:
 
     def twist(self, k: int) -> Any:
         return self._new["TwistWithCovarianceStamped"](
-            header=self._header(self._drive.twist_stamps[k], self._frames.body),
+            header=self._header(self._drive.twist_stamps[k], self._frames.base),
             twist=self._twist(self._drive.twists[k, :3], self._drive.twists[k, 3:]),
         )
 
@@ -141,7 +141,7 @@ class _Messages:
         x, y, z = (float(value) for value in trajectory.positions[k])
         return self._new["Odometry"](
             header=self._header(trajectory.stamps[k], self._frames.map),
-            child_frame_id=self._frames.body,
+            child_frame_id=self._frames.base,
             pose=self._new["PoseWithCovariance"](
                 pose=self._new["Pose"](
                     position=self._new["Point"](x=x, y=y, z=z),

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.errors import VislamError
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 
 PIXEL_FIELDS = ("u_left", "v_left", "u_right", "v_right")
 
@@ -56,11 +56,9 @@ def unpack_features(cloud: Any) -> tuple[NDArray[np.uint32], NDArray[np.float32]
 
     Raises
     ------
-    VislamError
-        Where a field is missing or of a type that cannot hold it: no message of this source
-        will do.
-    ValueError
-        Where this one message contradicts itself, such as data of another length than it says.
+    RefusedMessage
+        Where a field is missing, of a type that cannot hold it, or has such a value, or where
+        the data have another length than the message says.
     """
     width, height = int(cloud.width), int(cloud.height)
     step, row_step = int(cloud.point_step), int(cloud.row_step)
@@ -69,12 +67,14 @@ def unpack_features(cloud: Any) -> tuple[NDArray[np.uint32], NDArray[np.float32]
     if height == 1:
         row_step = width * step  # some writers leave it zero
     if row_step < width * step or len(data) != height * row_step:
-        raise ValueError("data has another length than height, width and steps say")
+        raise RefusedMessage(
+            Refusal.WRONG_SIZE, "data has another length than height, width and steps say"
+        )
     rows = data.reshape(height, row_step)[:, : width * step]
     points = np.ascontiguousarray(rows).reshape(-1).view(dtype)
     ids = points["id"].astype(np.int64)
     if np.any((ids < 0) | (ids > np.iinfo(np.uint32).max)):
-        raise ValueError("an id does not fit into 32 bits without a sign")
+        raise RefusedMessage(Refusal.BAD_FIELDS, "an id does not fit into 32 bits without a sign")
     pixels = np.stack([points[name] for name in PIXEL_FIELDS], axis=1)
     return ids.astype(np.uint32), pixels.astype(np.float32)
 
@@ -85,17 +85,19 @@ def _point_dtype(fields: Iterable[Any], point_step: int, byte_order: str) -> np.
     formats, offsets = [], []
     for name in ("id", *PIXEL_FIELDS):
         if name not in present:
-            raise VislamError(
+            raise RefusedMessage(
+                Refusal.BAD_FIELDS,
                 f"PointCloud2 has no field {name!r}, only {', '.join(present) or 'none'}: "
-                "features need id, u_left, v_left, u_right, v_right"
+                "features need id, u_left, v_left, u_right, v_right",
             )
         field = present[name]
         code = _NUMPY_TYPES.get(int(field.datatype), "?")
         if code[0] not in ("iu" if name == "id" else "f") or int(field.count) > 1:
             wanted = "a whole number (UINT32)" if name == "id" else "FLOAT32 or FLOAT64"
-            raise VislamError(
+            raise RefusedMessage(
+                Refusal.BAD_FIELDS,
                 f"PointCloud2 field {name!r} has datatype {field.datatype} and count "
-                f"{field.count}: it must be one value of {wanted}"
+                f"{field.count}: it must be one value of {wanted}",
             )
         formats.append(byte_order + code)
         offsets.append(int(field.offset))
@@ -103,7 +105,7 @@ def _point_dtype(fields: Iterable[Any], point_step: int, byte_order: str) -> np.
         offset + np.dtype(kind).itemsize for offset, kind in zip(offsets, formats, strict=True)
     ]
     if max(ends) > point_step:
-        raise ValueError("a field reaches beyond the point")
+        raise RefusedMessage(Refusal.WRONG_SIZE, "a field reaches beyond the point")
     return np.dtype(
         {
             "names": ["id", *PIXEL_FIELDS],

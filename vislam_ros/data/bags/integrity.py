@@ -10,8 +10,8 @@ from pathlib import Path
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
+from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
 from vislam_ros.data.bags.layout import CHECKSUMS, PROVENANCE
-from vislam_ros.data.bags.reader import BagMessages, is_bag
 from vislam_ros.errors import VislamError
 
 _LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")

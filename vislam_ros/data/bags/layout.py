@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag holds: topics, message types, quality of service and frames, in one place."""
+"""Topics of the graph and its bags, their types and quality of service, and frames: once."""
 
 from dataclasses import dataclass
 
@@ -12,6 +12,8 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
+
+from vislam_ros.core.tracking.refusals import Stream
 
 # What rosbag2 itself records where a topic has no deadline, lifespan or lease.
 _UNLIMITED = QosTime(9223372036, 854775807)
@@ -37,25 +39,28 @@ LATCHED_QOS = STREAM_QOS._replace(
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of the graph's inputs.
+    """A topic of the graph.
 
     Attributes
     ----------
     name : str
-        Relative, as the nodes use it.
+        As the nodes use it: relative to their namespace, or with a leading slash.
     msgtype : str
         As rosbags writes it, ``package/msg/Type``.
     qos : rosbags.interfaces.Qos
+    stream : Stream or None
+        What its refused messages are counted as, where anybody refuses any.
     """
 
     name: str
     msgtype: str
-    qos: Qos
+    qos: Qos = STREAM_QOS
+    stream: Stream | None = None
 
     @property
     def recorded(self) -> str:
         """Absolute name without namespace, as it stands in a bag."""
-        return f"/{self.name}"
+        return f"/{self.name.lstrip('/')}"
 
     @property
     def latched(self) -> bool:
@@ -63,14 +68,20 @@ class Topic:
         return self.qos.durability is QosDurability.TRANSIENT_LOCAL
 
 
-IMU = Topic("imu/data", "sensor_msgs/msg/Imu", STREAM_QOS)
-TWIST = Topic("imu/twist", "geometry_msgs/msg/TwistWithCovarianceStamped", STREAM_QOS)
-FEATURES = Topic("stereo/features", "sensor_msgs/msg/PointCloud2", STREAM_QOS)
-LEFT_CAMERA = Topic("stereo/left/camera_info", "sensor_msgs/msg/CameraInfo", LATCHED_QOS)
-RIGHT_CAMERA = Topic("stereo/right/camera_info", "sensor_msgs/msg/CameraInfo", LATCHED_QOS)
-EXTRINSICS = Topic("stereo/extrinsics", "geometry_msgs/msg/TransformStamped", LATCHED_QOS)
+IMU = Topic("imu/data", "sensor_msgs/msg/Imu", stream=Stream.IMU)
+TWIST = Topic("imu/twist", "geometry_msgs/msg/TwistWithCovarianceStamped", stream=Stream.TWIST)
+FEATURES = Topic("stereo/features", "sensor_msgs/msg/PointCloud2", stream=Stream.FEATURES)
+LEFT_CAMERA = Topic(
+    "stereo/left/camera_info", "sensor_msgs/msg/CameraInfo", LATCHED_QOS, Stream.CAMERA_INFO
+)
+RIGHT_CAMERA = Topic(
+    "stereo/right/camera_info", "sensor_msgs/msg/CameraInfo", LATCHED_QOS, Stream.CAMERA_INFO
+)
+EXTRINSICS = Topic(
+    "stereo/extrinsics", "geometry_msgs/msg/TransformStamped", LATCHED_QOS, Stream.EXTRINSICS
+)
 STATIC_TRANSFORMS = Topic("tf_static", "tf2_msgs/msg/TFMessage", LATCHED_QOS)
-GROUND_TRUTH = Topic("ground_truth/odometry", "nav_msgs/msg/Odometry", STREAM_QOS)
+GROUND_TRUTH = Topic("ground_truth/odometry", "nav_msgs/msg/Odometry")
 
 TOPICS = (
     LEFT_CAMERA,
@@ -82,7 +93,19 @@ TOPICS = (
     GROUND_TRUTH,
     FEATURES,
 )
-"""In the order in which messages of one stamp are written: what predicts before what corrects."""
+"""Of a drive, in the order in which messages of one stamp are written: what predicts before what
+corrects."""
+
+PREDICTION = Topic("prediction/odometry", "nav_msgs/msg/Odometry", stream=Stream.PREDICTION)
+ODOMETRY = Topic("slam/odometry", "nav_msgs/msg/Odometry")
+STEPS = Topic("slam/steps", "diagnostic_msgs/msg/DiagnosticArray")
+GYRO_BIAS = Topic("slam/gyro_bias", "geometry_msgs/msg/Vector3Stamped")
+LANDMARKS = Topic("slam/landmarks", "sensor_msgs/msg/PointCloud2", LATCHED_QOS)
+PATH = Topic("slam/path", "nav_msgs/msg/Path")
+PLAYER = Topic("player/status", "diagnostic_msgs/msg/DiagnosticArray", LATCHED_QOS)
+DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+TRANSFORMS = Topic("/tf", "tf2_msgs/msg/TFMessage")
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock")
 
 
 PROVENANCE = "provenance.json"
@@ -94,12 +117,16 @@ CHECKSUMS = "SHA256SUMS"
 
 @dataclass(frozen=True)
 class Frames:
-    """Frame ids of the messages in a bag.
+    """Frame ids of messages, by the parameters ``map_frame``, ``odom_frame`` and so on.
 
     Both cameras' messages carry the left one's optical frame: the right projection matrix is
     relative to it.
     """
 
     map: str = "map"
-    body: str = "base_link"
+    odom: str = "odom"
+    base: str = "base_link"
     camera: str = "camera_left_optical"
+
+
+DEFAULT_FRAMES = Frames()

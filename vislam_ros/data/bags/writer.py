@@ -11,9 +11,11 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from vislam_ros import __version__
+from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.encoding import encode_drive
 from vislam_ros.data.bags.integrity import file_sha256, write_checksums
 from vislam_ros.data.bags.layout import (
+    DEFAULT_FRAMES,
     FEATURES,
     GROUND_TRUTH,
     IMU,
@@ -23,12 +25,10 @@ from vislam_ros.data.bags.layout import (
     Frames,
     Topic,
 )
-from vislam_ros.data.bags.reader import is_bag
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.files.whole_directory import check_output, whole_directory
 
-_FRAMES = Frames()
 _REPORT_EVERY = 200
 
 
@@ -49,7 +49,7 @@ def write_bag(
     source: Path | None = None,
     settings: Mapping[str, Any] | None = None,
     force: bool = False,
-    frames: Frames = _FRAMES,
+    frames: Frames = DEFAULT_FRAMES,
     progress: Progress | None = None,
 ) -> None:
     """Write a drive as a bag directory that ``ros2 bag`` understands.

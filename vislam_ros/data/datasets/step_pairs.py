@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 _STEPS_LOOKED_AT = 240  # about 200 once frozen ones are left out
 _MIN_DISPARITY = 2.0  # pixels
+# Steps of which more pairs than this share repeat their pixels are frozen, or the car stands.
+_FROZEN_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def step_pairs(drive: Drive, looked_at: NDArray[np.int64] | None = None) -> Step
             ids_before, ids_after, assume_unique=True, return_indices=True
         )
         z, z_after = before[rows_before].astype(float), after[rows_after].astype(float)
-        if 2 * np.sum(np.all(z == z_after, axis=1)) > len(z):
+        if np.sum(np.all(z == z_after, axis=1)) > _FROZEN_SHARE * len(z):
             continue
         near = z[:, 0] - z[:, 2] > _MIN_DISPARITY
         z, z_after = z[near], z_after[near]

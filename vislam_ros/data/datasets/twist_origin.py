@@ -120,8 +120,8 @@ def measure_twist_origin(drive: Drive) -> TwistOrigin | None:
             H = step.tau * _by_unknowns(step.angular_velocity + xi[3:] / step.tau)
             normal += H.T @ (A - A @ M @ A) @ H
             right -= H.T @ (b - A @ M @ b)
-        x = np.linalg.solve(normal, right)
-    return TwistOrigin(x[:3], np.linalg.inv(normal)[:3, :3])
+        x = np.asarray(np.linalg.solve(normal, right), dtype=float)
+    return TwistOrigin(x[:3], np.asarray(np.linalg.inv(normal)[:3, :3], dtype=float))
 
 
 def _steps(drive: Drive) -> list[_Step]:

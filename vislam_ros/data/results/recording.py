@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result directories of a live run: one for each pass over the data.
 
-A pass ends where time jumps back, as in a looping bag, or where the estimate was reset. The next
-one goes to ``pass_002`` inside the first one's directory, then ``pass_003``, and so on.
+See :func:`vislam_ros.data.results.writer.pass_directory`.
 """
 
 import time
@@ -17,8 +16,8 @@ from numpy.typing import NDArray
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.step import Row
 from vislam_ros.data.bags.layout import Topic
-from vislam_ros.data.results.writer import ResultWriter
 from vislam_ros.data.results.message_log import MessageLog
+from vislam_ros.data.results.writer import ResultWriter, pass_directory
 
 _MAP_SECONDS, _MAP_SECONDS_A_STEP = 60.0, 0.03
 
@@ -235,9 +234,10 @@ class Recording:
         self._current.writer.summary.peak_rss_mb = peak_rss_mb
         self._current.writer.summary.resets = resets
 
-    def set_refused(self, refused: Mapping[str, int]) -> None:
-        """Set how many messages the nodes refused, by reason."""
-        self._current.writer.summary.refused = dict(refused)
+    def set_refused(self, refused: Mapping[str, int], first: Mapping[str, str]) -> None:
+        """Set how many messages the nodes refused by word, and the stamps (s) of the first."""
+        summary = self._current.writer.summary
+        summary.refused, summary.refused_first = refused, first
 
     def refresh(self) -> None:
         """Bring files up to date that are a second old, and close a pass that is over."""
@@ -267,7 +267,7 @@ class Recording:
         self._previous, self._previous_jumped = self._current, jumped
         self._previous_until = time.monotonic() + self._previous.map_patience
         self._current = self._open(
-            self._directory / f"pass_{self._count:03d}", self._previous.time_pass + jumped
+            pass_directory(self._directory, self._count), self._previous.time_pass + jumped
         )
         if self._parameters:
             self._current.writer.set_parameters(self._parameters)

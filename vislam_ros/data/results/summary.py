@@ -13,6 +13,8 @@ from typing import Any
 
 from vislam_ros.core.filters.quantities import GYRO_BIAS
 from vislam_ros.core.step import Row, StepTotals, estimates_of, percentile
+from vislam_ros.core.tracking.refusals import RefusalCounts
+from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import VislamError
 
 
@@ -33,7 +35,9 @@ class RunSummary:
     resets : int
         How often the estimate began anew.
     refused : mapping of str to int
-        Messages that were refused, by reason.
+        Messages that were refused, by stream and reason (see core.tracking.refusals).
+    refused_first : mapping of str to str
+        Stamp (s) of the first of them, where it has one.
     latencies_ms : array of float
         From sending features to hearing their pose, where it was measured.
     """
@@ -46,6 +50,7 @@ class RunSummary:
     peak_rss_mb: float | None = None
     resets: int = 0
     refused: Mapping[str, int] = field(default_factory=dict)
+    refused_first: Mapping[str, str] = field(default_factory=dict)
     latencies_ms: "array[float]" = field(default_factory=lambda: array("d"))
     complete: bool = False
     incomplete_reason: str | None = "the run has not ended"
@@ -61,6 +66,13 @@ class RunSummary:
         self._totals.add(row)
         self._estimates = estimates_of(row)
         self.landmarks = int(row["landmarks"])
+
+    def set_refused(self, refused: RefusalCounts) -> None:
+        """Tell which messages were refused."""
+        self.refused = dict(sorted(refused.counts.items()))
+        self.refused_first = {
+            word: stamp_text(stamp) for word, stamp in sorted(refused.first_stamps.items())
+        }
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as JSON takes it; None stands for what is not known.
@@ -96,6 +108,7 @@ class RunSummary:
             "peak_rss_mb": self.peak_rss_mb,
             "resets": self.resets,
             "refused": dict(self.refused),
+            "refused_first": dict(self.refused_first),
             "complete": self.complete,
             "incomplete_reason": self.incomplete_reason,
             "estimates": estimates,

@@ -63,6 +63,19 @@ def refuse_used(directory: Path, *, force: bool) -> None:
         raise VislamError(f"{directory}: is not empty: choose another directory or add --force")
 
 
+def pass_directory(directory: Path, number: int) -> Path:
+    """Where the results of a pass over the data stand, from 1: in ``pass_NNN`` but for the first.
+
+    A pass ends where time jumps back, as in a looping bag, or where the estimate was reset.
+    """
+    return directory if number == 1 else directory / f"pass_{number:03d}"
+
+
+def pass_directories(directory: Path) -> list[Path]:
+    """Result directories of all passes that there are, the first one first."""
+    return [directory, *sorted(directory.glob("pass_[0-9][0-9][0-9]"))]
+
+
 class ResultWriter:
     """Writes a result directory; a context manager.
 
@@ -102,7 +115,7 @@ class ResultWriter:
         try:
             refuse_used(directory, force=force)
             directory.mkdir(parents=True, exist_ok=True)
-            for folder in (directory, *directory.glob("pass_[0-9][0-9][0-9]")):
+            for folder in pass_directories(directory):
                 for name in OWNED_FILES:
                     (folder / name).unlink(missing_ok=True)
         except OSError as error:

@@ -3,19 +3,24 @@
 """Whether the nodes hear each other: what is sent before that is lost.
 
 Only a publisher knows how many subscribers it has found, so the nodes tell it on ``/diagnostics``
-as ``subscribers TOPIC``.
+as ``subscribers TOPIC``. There slam_node tells too which feature frames it is done with, also
+those that it refused and will never answer.
 """
+
+from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from vislam_ros.nodes.qos import STREAM
+from vislam_ros.data.bags.layout import DIAGNOSTICS, FEATURES, ODOMETRY, PREDICTION, STEPS
+from vislam_ros.data.results.completeness import NodeReport
+from vislam_ros.nodes.topics import STREAM
 
 #: Topics between the nodes, and which nodes must hear them.
 LINKS = {
-    "prediction/odometry": ("slam_node", "recorder_node"),
-    "slam/odometry": ("recorder_node",),
-    "slam/steps": ("recorder_node",),
+    PREDICTION.name: ("slam_node", "recorder_node"),
+    ODOMETRY.name: ("recorder_node",),
+    STEPS.name: ("recorder_node",),
 }
 
 _KEY = "subscribers "
@@ -28,18 +33,31 @@ class GraphWatch:
     ----------
     node : Node
         Asks and listens; some other thread spins it.
+    on_frames : callable
+        Called with how many feature frames slam_node has taken since :meth:`begin`, and how many
+        of them wait for their prediction.
     """
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node, on_frames: Callable[[int, int], None]):
         self._node = node
+        self._on_frames = on_frames
+        self._taken = self._taken_before = 0
         self._found: dict[str, int] = {}
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM)
+        node.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self._on_diagnostics, STREAM)
+
+    def begin(self) -> None:
+        """Count frames from now on."""
+        self._taken_before = self._taken
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             for entry in status.values:
                 if entry.key.startswith(_KEY):
                     self._found[entry.key.removeprefix(_KEY)] = int(entry.value)
+            if status.name.rpartition("/")[2] == "slam_node":
+                report = NodeReport.of_values({entry.key: entry.value for entry in status.values})
+                self._taken = report.received.get(FEATURES.name, 0)
+                self._on_frames(self._taken - self._taken_before, report.waiting)
 
     def missing(self) -> list[str]:
         """Links that are not there yet, in words; empty where the graph is whole."""

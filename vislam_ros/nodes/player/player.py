@@ -8,13 +8,12 @@ all that it sent has arrived.
 """
 
 import functools
-import importlib
 import struct
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
@@ -26,21 +25,17 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from vislam_ros.data.bags.layout import FEATURES, TWIST
-from vislam_ros.data.bags.reader import BagMessages
+from vislam_ros.data.bags.bag_messages import BagMessages
+from vislam_ros.data.bags.decoding import stamp_of
+from vislam_ros.data.bags.layout import CLOCK, FEATURES, IMU, ODOMETRY, PLAYER, TWIST
 from vislam_ros.data.trajectory import NANOSECONDS
 from vislam_ros.errors import VislamError
-from vislam_ros.nodes.conversions import (
-    stamp_from_message,
-    stamp_to_message,
-    status,
-    status_array,
-)
+from vislam_ros.nodes.conversions import stamp_to_message, status, status_array
 from vislam_ros.nodes.player.clock import PlaybackClock
 from vislam_ros.nodes.player.graph import GraphWatch
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
 from vislam_ros.nodes.player.window import FeatureWindow
-from vislam_ros.nodes.qos import LATCHED, STREAM
+from vislam_ros.nodes.topics import LATCHED, STREAM, message_class
 
 Progress = Callable[[float], None]
 """Called with the seconds of the bag that were played in this pass."""
@@ -50,6 +45,8 @@ DELIVERY_SECONDS = 60.0
 PARTING_SECONDS = 2.0
 
 _STATUS_PERIOD = 1.0
+_COUNTED = (IMU, TWIST, FEATURES)
+_HEADER_BYTES = 12  # what CDR itself begins with, and the stamp
 
 
 class Player(Node):
@@ -78,16 +75,17 @@ class Player(Node):
         self._bag = bag
         self._window = FeatureWindow(self.clock.condition)
         self._publishers_by_topic = self._create_publishers()
-        self._graph = GraphWatch(self) if options.whole_graph else None
+        self._graph = GraphWatch(self, self._window.settle) if options.whole_graph else None
         self.report = PlayReport()
         self._began = 0.0
-        self._status = self.create_publisher(DiagnosticArray, "player/status", LATCHED)
+        self._sent: Counter[str] = Counter()
+        self._status = self.create_publisher(DiagnosticArray, PLAYER.name, LATCHED)
         self.create_timer(_STATUS_PERIOD, self.publish_status)
         if options.clock_rate > 0.0:
-            self._ros_clock = self.create_publisher(Clock, "/clock", STREAM)
+            self._ros_clock = self.create_publisher(Clock, CLOCK.name, STREAM)
             self.create_timer(1.0 / options.clock_rate, self._publish_clock)
         self._odometry = self.create_subscription(
-            Odometry, "slam/odometry", self._on_odometry, STREAM
+            Odometry, ODOMETRY.name, self._on_odometry, STREAM
         )
         for command in (self.pause, self.resume, self.step):
             self.create_service(Trigger, f"~/{command.__name__}", _answer(command))
@@ -129,6 +127,8 @@ class Player(Node):
         with self._spinning():
             self._wait_for_subscribers()
             self.clock.wait_for(lambda: False, self.options.delay)
+            if self._graph:
+                self._graph.begin()
             self._began = time.monotonic() - self.clock.seconds_paused()
             while self._play_once(progress) and self._drain():
                 report.passes += 1
@@ -144,7 +144,7 @@ class Player(Node):
         """Say on ``player/status`` what is going on."""
         values = {
             "state": self.state,
-            "features_sent": self._window.sent,
+            **{f"sent {topic.name}": self._sent[topic.recorded] for topic in _COUNTED},
             "features_acknowledged": self._window.acknowledged,
             "messages_sent": self.report.messages,
             "passes": self.report.passes,
@@ -165,14 +165,14 @@ class Player(Node):
         publishers = {}
         for topic in sorted(chosen):
             connection = connections[topic]
-            message_class = _message_class(connection.msgtype)
-            if message_class is None:
+            cls = message_class(connection.msgtype)
+            if cls is None:
                 self.get_logger().warning(
                     f"{topic} is not played: {connection.msgtype} is not installed"
                 )
                 continue
             qos = LATCHED if connection.latched else STREAM
-            publishers[topic] = self.create_publisher(message_class, topic, qos)
+            publishers[topic] = self.create_publisher(cls, topic, qos)
         return publishers
 
     def _wait_for_subscribers(self) -> None:
@@ -215,6 +215,7 @@ class Player(Node):
                 self._window.add(_header_stamp(data))
             if not self._publish(self._publishers_by_topic[connection.topic], data):
                 return False
+            self._sent[connection.topic] += 1
             self.clock.sent(stamp, ends_step=is_frame or not has_features)
             played = max(0.0, (stamp - begin) / NANOSECONDS)
             self._count(before + played)
@@ -236,12 +237,18 @@ class Player(Node):
         return True
 
     def _wait_for_answers(self, most_waiting: int) -> None:
-        """Wait until at most so many frames are unanswered, if anybody answers at all."""
+        """Wait until at most so many frames are unanswered, if anybody answers at all.
+
+        For none to be, it is enough that the graph has taken them: what waits there for its
+        motion may wait for what the bag does not hold.
+        """
         window = self._window
         while window.waiting > most_waiting and window.answered:
+            if not most_waiting and window.has_taken_all():
+                return
             if self.clock.interrupted or not self.count_publishers(self._odometry.topic_name):
                 return
-            answer = functools.partial(window.has_acknowledged_more, window.acknowledged)
+            answer = functools.partial(window.has_moved_on, window.acknowledged, window.taken)
             moved_on = self.clock.wait_for(answer, STALL_SECONDS)
             if not (moved_on or self.clock.interrupted):
                 self.get_logger().warning(
@@ -272,7 +279,7 @@ class Player(Node):
         self._ros_clock.publish(Clock(clock=stamp_to_message(self.clock.position())))
 
     def _on_odometry(self, message: Odometry) -> None:
-        self._window.acknowledge(stamp_from_message(message.header.stamp))
+        self._window.acknowledge(stamp_of(message.header))
 
     @contextmanager
     def _spinning(self) -> Iterator[None]:
@@ -297,17 +304,10 @@ def _try_to_publish(publisher: Publisher, data: bytes) -> bool:
     return True
 
 
-def _message_class(msgtype: str) -> Any:
-    """Class of a message type such as ``sensor_msgs/msg/Imu``; None where it is not installed."""
-    package, _, name = msgtype.split("/")
-    try:
-        return getattr(importlib.import_module(f"{package}.msg"), name, None)
-    except ImportError:
+def _header_stamp(data: bytes) -> int | None:
+    """Stamp (ns) of the header that begins a message, None where its CDR bytes are too few."""
+    if len(data) < _HEADER_BYTES:
         return None
-
-
-def _header_stamp(data: bytes) -> int:
-    """Stamp (ns) of the header that begins a message, from its CDR bytes."""
     order = "<" if data[1] & 1 else ">"
     seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
     return int(seconds) * NANOSECONDS + int(nanoseconds)

@@ -9,8 +9,8 @@ from collections import deque
 class FeatureWindow:
     """Feature stamps that were sent and not yet answered by an odometry.
 
-    An answer counts for every frame sent before it with a stamp up to its own, so a frame that
-    the graph refuses holds nobody up.
+    An answer counts for every frame sent before the one it answers, so a frame that the graph
+    refuses holds nobody up. The graph may also say how many it is done with.
 
     Parameters
     ----------
@@ -19,17 +19,18 @@ class FeatureWindow:
 
     Attributes
     ----------
-    sent, acknowledged : int
-        Frames sent, and frames answered.
+    sent, acknowledged, taken : int
+        Frames sent, frames that the graph is done with, and those that it says it has taken.
     answered : bool
         Whether answers are to be expected.
     """
 
     def __init__(self, condition: threading.Condition):
         self._condition = condition
-        self._waiting: deque[int] = deque()
+        self._waiting: deque[int | None] = deque()
         self.sent = 0
         self.acknowledged = 0
+        self.taken = 0
         self.answered = True
 
     @property
@@ -37,8 +38,8 @@ class FeatureWindow:
         """How many frames are not answered yet."""
         return len(self._waiting)
 
-    def add(self, stamp: int) -> None:
-        """Note a frame (ns) that is about to be sent."""
+    def add(self, stamp: int | None) -> None:
+        """Note a frame (ns) that is about to be sent; None where its stamp cannot be read."""
         with self._condition:
             self._waiting.append(stamp)
             self.sent += 1
@@ -46,18 +47,38 @@ class FeatureWindow:
     def acknowledge(self, stamp: int) -> None:
         """Note an odometry with this stamp (ns)."""
         with self._condition:
-            while self._waiting and self._waiting[0] <= stamp:
-                self._waiting.popleft()
-                self.acknowledged += 1
+            while stamp in self._waiting or (self._waiting and self._is_late(stamp)):
+                self._pop()
             self.answered = True
             self._condition.notify_all()
 
-    def has_acknowledged_more(self, count: int) -> bool:
-        """Whether more than so many frames are answered."""
-        return self.acknowledged > count
+    def settle(self, taken: int, waiting: int) -> None:
+        """Note that the graph has taken so many frames, of which some wait for their motion."""
+        with self._condition:
+            self.taken = taken
+            while self._waiting and self.sent - len(self._waiting) < taken - waiting:
+                self._pop()
+            self._condition.notify_all()
+
+    def has_moved_on(self, acknowledged: int, taken: int) -> bool:
+        """Whether the graph has done more than this."""
+        return (self.acknowledged, self.taken) != (acknowledged, taken)
+
+    def has_taken_all(self) -> bool:
+        """Whether the graph has taken each frame that was sent."""
+        return self.taken >= self.sent
 
     def forget(self) -> None:
         """Expect no answers until the next one comes."""
         with self._condition:
             self._waiting.clear()
             self.answered = False
+
+    def _is_late(self, stamp: int) -> bool:
+        """Whether the first frame was sent after a newer one that is answered with a stamp."""
+        first = self._waiting[0]
+        return first is not None and first <= stamp
+
+    def _pop(self) -> None:
+        self._waiting.popleft()
+        self.acknowledged += 1

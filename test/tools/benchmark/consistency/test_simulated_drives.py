@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Monte-Carlo table says what the drives said."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from benchmark.consistency.simulated_drives import CELLS, Cell, MonteCarlo, spread, summary
@@ -16,7 +18,7 @@ from vislam_ros.data.solving import solve
 CELL = Cell(0.1, 0.01, 0.1, steps=40, landmarks=200)
 
 
-def figures(nees, ate_m, batch_m, batch_with_walk_m):
+def figures(nees: float, ate_m: float, batch_m: float, batch_with_walk_m: float) -> dict[str, Any]:
     return {
         "filters": {"robocentric": {"nees": nees, "ate_m": ate_m}},
         "dead_reckoning_m": 9.0,
@@ -26,7 +28,7 @@ def figures(nees, ate_m, batch_m, batch_with_walk_m):
     }
 
 
-def test_a_row_holds_means_over_the_drives_and_ratios_of_means():
+def test_a_row_holds_means_over_the_drives_and_ratios_of_means() -> None:
     (row,) = summary([figures(0.5, 0.1, 0.1, 0.05), figures(1.5, 0.3, 0.3, 0.15)])
     assert row["name"] == "robocentric"
     assert row["drives"] == row["converged"] == 2
@@ -37,19 +39,19 @@ def test_a_row_holds_means_over_the_drives_and_ratios_of_means():
     assert row["to_batch_with_walk"] == pytest.approx(2.0)
 
 
-def test_a_single_drive_has_no_standard_error():
+def test_a_single_drive_has_no_standard_error() -> None:
     (row,) = summary([figures(0.5, 0.1, 0.1, 0.05)])
     assert row["nees_std_error"] is None
 
 
-def test_the_spread_of_disparities_counts_the_small_ones():
+def test_the_spread_of_disparities_counts_the_small_ones() -> None:
     disparities = spread(np.arange(0.0, 10.1, 0.1))
     assert disparities["median_px"] == pytest.approx(5.0)
     assert disparities["twentieth_px"] == pytest.approx(0.5)
     assert disparities["small_share"] == pytest.approx(13 / 101)
 
 
-def test_drives_are_those_of_all_four_kinds_each_with_a_bias_of_its_own():
+def test_drives_are_those_of_all_four_kinds_each_with_a_bias_of_its_own() -> None:
     assert len(CELLS) == 4
     biases = np.array([cell.simulation(seed).gyro_bias for cell in CELLS for seed in range(5)])
     assert np.all((np.abs(biases) >= 0.002) & (np.abs(biases) <= 0.01))
@@ -58,14 +60,15 @@ def test_drives_are_those_of_all_four_kinds_each_with_a_bias_of_its_own():
     assert CELLS[0].simulation(3) == CELLS[0].simulation(3)
 
 
-def test_the_table_has_what_the_filters_made_of_each_drive():
+def test_the_table_has_what_the_filters_made_of_each_drive() -> None:
     settings = RobocentricSettings()
-    said = []
+    said: list[str] = []
     table = MonteCarlo(settings, PredictionSettings(), on_progress=said.append).run([9], [CELL])
     assert [row["name"] for row in table["runs"]] == ["robocentric", "smoothed", "joint"]
     assert len(said) == table["seeds"] == len(table["drives"]) == 1
 
     drive = simulate(CELL.simulation(9)).drive
+    assert drive.ground_truth is not None
     joint = replaced(
         settings, estimator="joint", velocity_noise_std=0.1, angular_velocity_noise_std=0.01
     )

@@ -4,10 +4,11 @@
 
 import numpy as np
 import pytest
-from benchmark.peers.batch_optimum import BatchProblem, optimise
-from benchmark.peers.problem import peer_problem
+from benchmark.peers.batch_optimum import BatchProblem, BatchState, optimise
+from benchmark.peers.problem import PeerProblem, peer_problem
 from benchmark.recorded_drive import record
 from numerics import difference
+from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.warp import warp
@@ -18,7 +19,9 @@ BIAS = (0.01, -0.02, 0.03)
 WALK_STD = np.repeat([0.31, 0.05], 3)
 
 
-def recorded_problem(steps, landmarks, **settings):
+def recorded_problem(
+    steps: int, landmarks: int, **settings: float
+) -> tuple[PeerProblem, NDArray[np.float64], NDArray[np.float64]]:
     """What the filter had of a simulated drive, its poses, and the true ones."""
     simulated = simulate(
         SimulationSettings(steps=steps, landmarks=landmarks, gyro_bias=BIAS, seed=5, **settings)
@@ -32,7 +35,7 @@ def recorded_problem(steps, landmarks, **settings):
 
 
 @pytest.fixture(scope="module")
-def small():
+def small() -> tuple[PeerProblem, BatchProblem, BatchState]:
     """A few steps, at a state that is not the optimum."""
     problem, filtered, _ = recorded_problem(6, 12)
     batch = BatchProblem(problem, WALK_STD)
@@ -42,11 +45,11 @@ def small():
 
 
 @pytest.fixture(scope="module")
-def drive():
+def drive() -> tuple[PeerProblem, NDArray[np.float64], NDArray[np.float64]]:
     return recorded_problem(40, 200, frozen_share=0.1)
 
 
-def jacobian(batch, state):
+def jacobian(batch: BatchProblem, state: BatchState) -> NDArray[np.float64]:
     """Derivative of all predictions, in standard deviations, by all that is estimated."""
     seen, twists = batch.residuals(state), batch.twist_residuals(state)
     poses = 6 * batch.steps
@@ -66,12 +69,14 @@ def jacobian(batch, state):
     return np.concatenate(rows)[:, 6:]
 
 
-def residual(batch, state):
+def residual(batch: BatchProblem, state: BatchState) -> NDArray[np.float64]:
     parts = [batch.residuals(state).residual, *batch.twist_residuals(state).residual]
     return np.concatenate([part.ravel() for part in parts])
 
 
-def test_derivatives_are_those_of_finite_differences(small):
+def test_derivatives_are_those_of_finite_differences(
+    small: tuple[PeerProblem, BatchProblem, BatchState],
+) -> None:
     _, batch, state = small
     J = jacobian(batch, state)
     numeric = -difference(
@@ -80,7 +85,9 @@ def test_derivatives_are_those_of_finite_differences(small):
     np.testing.assert_allclose(J, numeric, rtol=1e-5, atol=1e-5)
 
 
-def test_observations_are_predicted_as_the_filter_predicts_them(small):
+def test_observations_are_predicted_as_the_filter_predicts_them(
+    small: tuple[PeerProblem, BatchProblem, BatchState],
+) -> None:
     problem, batch, state = small
     T = state.T_world_body
     observed = residual(batch, state)[: 3 * batch.observations].reshape(-1, 3)
@@ -92,7 +99,9 @@ def test_observations_are_predicted_as_the_filter_predicts_them(small):
         assert np.min(np.linalg.norm(errors - observed[i], axis=1)) < 1e-9
 
 
-def test_a_newton_step_is_the_least_squares_solution_without_any_elimination(small):
+def test_a_newton_step_is_the_least_squares_solution_without_any_elimination(
+    small: tuple[PeerProblem, BatchProblem, BatchState],
+) -> None:
     _, batch, state = small
     J, r = jacobian(batch, state), residual(batch, state)
     root = np.ones(len(r))
@@ -102,7 +111,10 @@ def test_a_newton_step_is_the_least_squares_solution_without_any_elimination(sma
 
 
 @pytest.mark.parametrize("walk", [None, WALK_STD], ids=["any motion", "smooth motion"])
-def test_every_iteration_goes_down_and_filter_and_truth_lead_to_the_same_optimum(drive, walk):
+def test_every_iteration_goes_down_and_filter_and_truth_lead_to_the_same_optimum(
+    drive: tuple[PeerProblem, NDArray[np.float64], NDArray[np.float64]],
+    walk: NDArray[np.float64] | None,
+) -> None:
     problem, filtered, truth = drive
     batch = BatchProblem(problem, walk)
     ends = []
@@ -116,7 +128,7 @@ def test_every_iteration_goes_down_and_filter_and_truth_lead_to_the_same_optimum
     np.testing.assert_allclose(ends[0].gyro_bias, ends[1].gyro_bias, atol=1e-6)
 
 
-def test_the_optimum_of_exact_observations_is_the_truth():
+def test_the_optimum_of_exact_observations_is_the_truth() -> None:
     problem, filtered, truth = recorded_problem(
         30,
         150,
@@ -132,7 +144,9 @@ def test_the_optimum_of_exact_observations_is_the_truth():
     np.testing.assert_allclose(result.state.gyro_bias, BIAS, atol=1e-5)
 
 
-def test_a_landmark_that_was_seen_once_is_left_out(small):
+def test_a_landmark_that_was_seen_once_is_left_out(
+    small: tuple[PeerProblem, BatchProblem, BatchState],
+) -> None:
     problem, batch, _ = small
     _, counts = np.unique(
         np.concatenate([keys for keys, _ in problem.observations]), return_counts=True

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """GTSAM's estimators solve the problem that our filter was given."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from benchmark.peers.comparison import PeerComparison
@@ -14,6 +17,7 @@ from benchmark.peers.gtsam_runs import (
 )
 from benchmark.peers.problem import PeerProblem
 from benchmark.steady_session import CAMERA
+from numpy.typing import NDArray
 
 from vislam_ros.core.filters.registry import slam_settings
 from vislam_ros.core.geometry import se3
@@ -27,7 +31,7 @@ TWIST_STD = np.repeat([0.1, 0.01], 3)
 BIAS = np.array([0.02, -0.01, 0.03])
 
 
-def true_poses():
+def true_poses() -> NDArray[np.float64]:
     step = se3.exp([0.3, 0.02, 0.0, 0.002, -0.001, 0.01])
     T = [np.eye(4)]
     for _ in range(STEPS - 1):
@@ -36,7 +40,7 @@ def true_poses():
 
 
 @pytest.fixture(scope="module")
-def problem():
+def problem() -> PeerProblem:
     """All landmarks seen at all steps; the twists have noise and a bias."""
     rng = np.random.default_rng(5)
     T = true_poses()
@@ -65,12 +69,12 @@ def problem():
     )
 
 
-def largest_error(poses):
+def largest_error(poses: NDArray[np.float64]) -> np.float64:
     return np.linalg.norm(poses[:, :3, 3] - true_poses()[:, :3, 3], axis=1).max()
 
 
 @pytest.mark.parametrize("run", [run_isam2, run_fixed_lag])
-def test_smoothers_find_the_path_as_they_go(problem, run):
+def test_smoothers_find_the_path_as_they_go(problem: PeerProblem, run: Callable[..., Any]) -> None:
     result = run(problem, Recipe(1.0, 10.0), BIAS)
     assert largest_error(result.online) < 0.15
     assert result.landmarks == LANDMARKS
@@ -78,18 +82,21 @@ def test_smoothers_find_the_path_as_they_go(problem, run):
     assert len(result.update_seconds) == STEPS
 
 
-def test_the_batch_finds_the_path_from_dead_reckoning(problem):
-    reckoned = [np.eye(4)]
+def test_the_batch_finds_the_path_from_dead_reckoning(problem: PeerProblem) -> None:
+    poses = [np.eye(4)]
     for k in range(1, STEPS):
-        reckoned.append(reckoned[-1] @ se3.exp(problem.motion(k, None)))
-    reckoned = np.array(reckoned)
+        poses.append(poses[-1] @ se3.exp(problem.motion(k, None)))
+    reckoned = np.array(poses)
     result = run_batch(problem, Recipe(1.0, 30.0), reckoned, BIAS)
+    assert result.final is not None
     assert largest_error(result.final) < 0.15 < largest_error(reckoned)
     again = run_batch(problem, Recipe(1.0, 30.0), result.final, BIAS)
     assert again.cost == pytest.approx(result.cost, rel=1e-3)
 
 
-def test_a_landmark_enters_with_its_second_observation_and_enough_disparity(problem):
+def test_a_landmark_enters_with_its_second_observation_and_enough_disparity(
+    problem: PeerProblem,
+) -> None:
     growth = GraphGrowth(GtsamFactors(problem), Recipe(14.0), None, memory=STEPS)
     disparity = np.array([points[:, 0] - points[:, 1] for _, points in problem.observations])
     growth.step(0, np.eye(4))
@@ -99,7 +106,7 @@ def test_a_landmark_enters_with_its_second_observation_and_enough_disparity(prob
     assert growth.observations == 2 * growth.landmarks
 
 
-def test_a_peer_that_gives_up_says_where(problem):
+def test_a_peer_that_gives_up_says_where(problem: PeerProblem) -> None:
     # Nothing ties this landmark down: behind the camera it has no projection.
     keys, points = problem.observations[-1]
     broken = points.copy()
@@ -111,14 +118,15 @@ def test_a_peer_that_gives_up_says_where(problem):
 
 
 @pytest.fixture
-def said():
+def said() -> list[str]:
     """What a comparison says as it goes."""
     return []
 
 
 @pytest.fixture
-def comparison(said):
+def comparison(said: list[str]) -> PeerComparison:
     drive = simulate(SimulationSettings(steps=50, landmarks=250, seed=4)).drive
+    assert drive.ground_truth is not None
     return PeerComparison(
         drive,
         drive.ground_truth,
@@ -128,7 +136,9 @@ def comparison(said):
     )
 
 
-def test_a_long_drive_is_given_to_those_peers_that_reach_its_end(comparison):
+def test_a_long_drive_is_given_to_those_peers_that_reach_its_end(
+    comparison: PeerComparison,
+) -> None:
     rows = {row["name"]: row for row in comparison.run(every=False)["runs"]}
     assert set(rows) == {
         "robocentric",
@@ -140,9 +150,11 @@ def test_a_long_drive_is_given_to_those_peers_that_reach_its_end(comparison):
     assert rows["isam2, bias given"]["recipe"] == "from 4 px, prior 1"
 
 
-def test_peers_stand_beside_our_filter_in_one_table(comparison, said):
-    comparison = comparison.run()
-    runs = {row["name"]: row for row in comparison["runs"]}
+def test_peers_stand_beside_our_filter_in_one_table(
+    comparison: PeerComparison, said: list[str]
+) -> None:
+    table = comparison.run()
+    runs = {row["name"]: row for row in table["runs"]}
     assert set(runs) >= {
         "robocentric",
         "isam2",

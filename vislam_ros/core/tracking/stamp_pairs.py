@@ -3,6 +3,7 @@
 """Pairs of values from two streams that carry the same stamp, whichever comes first."""
 
 from collections import OrderedDict
+from collections.abc import Callable
 from typing import Any
 
 _LIMIT = 1000
@@ -11,14 +12,15 @@ _LIMIT = 1000
 class StampPairs:
     """Joins two streams, numbered 0 and 1, each of which keeps its own order.
 
-    Attributes
+    Parameters
     ----------
-    unpaired : int
-        Values that were given up: the other stream went past their stamp without one.
+    on_unpaired : callable
+        Called with the stream and the stamp (ns) of a value that is given up: the other stream
+        went past its stamp without one.
     """
 
-    def __init__(self) -> None:
-        self.unpaired = 0
+    def __init__(self, on_unpaired: Callable[[int, int], None]):
+        self._on_unpaired = on_unpaired
         self._waiting: tuple[OrderedDict[int, Any], ...] = (OrderedDict(), OrderedDict())
 
     def add(self, stream: int, stamp: int, value: Any) -> tuple[Any, Any] | None:
@@ -27,13 +29,16 @@ class StampPairs:
         if stamp not in other:
             own[stamp] = value
             if len(own) > _LIMIT:
-                own.popitem(last=False)
-                self.unpaired += 1
+                self._give_up_first(stream)
             return None
-        self.unpaired += len(own)
-        own.clear()
+        while own:
+            self._give_up_first(stream)
         while True:
             waited, partner = other.popitem(last=False)
             if waited == stamp:
                 return (partner, value) if stream else (value, partner)
-            self.unpaired += 1
+            self._on_unpaired(1 - stream, waited)
+
+    def _give_up_first(self, stream: int) -> None:
+        stamp, _ = self._waiting[stream].popitem(last=False)
+        self._on_unpaired(stream, stamp)

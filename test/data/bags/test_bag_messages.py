@@ -1,0 +1,99 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The messages of a bag as they are stored; what is no bag, or a damaged one."""
+
+import pytest
+from rewriting import JUNK, STORE
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
+from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
+from vislam_ros.data.bags.layout import FEATURES, IMU
+from vislam_ros.errors import VislamError
+
+
+def read_all(path):
+    with BagMessages(path) as messages:
+        return list(messages.messages())
+
+
+@pytest.mark.parametrize("damage", [b"", b"no bag at all", None])
+def test_a_damaged_file_is_refused_in_one_line(bag, damage):
+    file = bag / "bag.mcap"
+    file.write_bytes(file.read_bytes()[:5000] if damage is None else damage)
+    for path in (bag, file):
+        with pytest.raises(VislamError, match="cannot read this bag: ") as error:
+            read_all(path)
+        assert "\n" not in str(error.value)
+
+
+def test_what_is_no_bag_is_refused(tmp_path):
+    with pytest.raises(VislamError, match="no such file"):
+        read_all(tmp_path / "nothing")
+    with pytest.raises(VislamError, match="is not a bag"):
+        read_all(tmp_path)
+
+
+def test_bags_are_told_from_other_paths(bag, tmp_path):
+    assert is_bag(bag)
+    assert is_bag(bag / "bag.mcap")
+    assert not is_bag(bag / "metadata.yaml")
+    assert not is_bag(tmp_path)
+    assert not is_bag(tmp_path / "nothing.mcap")
+
+
+def test_messages_have_times_and_counts(bag, small_drive):
+    with BagMessages(bag) as messages:
+        log = [stamp for _, stamp, _ in messages.messages()]
+        assert (messages.start, messages.end) == (log[0], log[-1])
+        assert messages.duration == log[-1] - log[0]
+        assert messages.count == len(log)
+    assert log[-1] == small_drive.feature_stamps[-1]
+
+
+def test_messages_are_the_bytes_that_were_written(bag):
+    with BagMessages(bag) as messages:
+        for connection, _, raw in messages.messages():
+            message = STORE.deserialize_cdr(raw, connection.msgtype)
+            assert bytes(STORE.serialize_cdr(message, connection.msgtype)) == raw
+
+
+def test_bytes_that_are_no_message_are_refused(bag):
+    with BagMessages(bag) as messages, pytest.raises(RefusedMessage) as error:
+        messages.decode(messages.connections[0], JUNK)
+    assert error.value.refusal is Refusal.UNDECODABLE
+
+
+def test_messages_can_be_chosen_by_topic(bag, small_drive):
+    with BagMessages(bag) as messages:
+        log = [connection.topic for connection, _, _ in messages.messages([IMU.recorded, "/none"])]
+        assert log == [IMU.recorded] * small_drive.steps
+        assert list(messages.messages([])) == []
+
+
+def test_latched_messages_stay_after_a_start_offset(bag, small_drive):
+    stamps = small_drive.feature_stamps
+    offset = int(stamps[40] - stamps[0])
+    stop = int(stamps[50] - stamps[0])
+    with BagMessages(bag) as messages:
+        log = [
+            (connection, stamp)
+            for connection, stamp, _ in messages.messages(start_offset=offset, stop_offset=stop)
+        ]
+        assert (
+            list(messages.messages(start_offset=messages.duration + 1, topics=[IMU.recorded]))
+            == []
+        )
+    assert all(connection.latched and stamp == stamps[0] for connection, stamp in log[:4])
+    assert [stamp for connection, stamp in log if connection.topic == FEATURES.recorded] == stamps[
+        40:51
+    ].tolist()
+    assert len(log) == 4 + 4 * 11
+
+
+def test_an_empty_bag_has_no_messages(tmp_path):
+    with Writer(tmp_path / "empty", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        writer.add_connection(IMU.recorded, IMU.msgtype, typestore=STORE)
+    with BagMessages(tmp_path / "empty") as messages:
+        assert (messages.start, messages.end, messages.count) == (0, 0, 0)
+        assert list(messages.messages()) == []

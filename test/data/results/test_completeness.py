@@ -1,0 +1,137 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""When a run is complete, from what a player has sent and what the nodes say became of it."""
+
+import pytest
+
+from vislam_ros.data.bags.layout import FEATURES, IMU, PREDICTION, TWIST
+from vislam_ros.data.results.completeness import (
+    Ledger,
+    NodeReport,
+    describe_refused,
+    shortfall,
+)
+
+SENT = {TWIST.name: 10, FEATURES.name: 10}
+
+
+def imu_report(twists=10, refused=None):
+    refused = refused or {}
+    return NodeReport(
+        received={TWIST.name: twists}, refused=refused, predictions=twists - sum(refused.values())
+    )
+
+
+def slam_report(features=10, predictions=10, refused=None, waiting=0):
+    return NodeReport(
+        received={FEATURES.name: features, PREDICTION.name: predictions},
+        refused=refused or {},
+        first=dict.fromkeys(refused or {}, "1.5"),
+        waiting=waiting,
+        first_waiting="9.9" if waiting else None,
+    )
+
+
+def ledger(imu=None, slam=None, sent=SENT):
+    ledger = Ledger()
+    ledger.set_sent(sent)
+    ledger.set_report("imu_prediction_node", imu or imu_report())
+    ledger.set_report("slam_node", slam or slam_report())
+    return ledger
+
+
+def test_a_step_for_each_features_message_is_complete():
+    assert ledger().is_settled(steps=10)
+    assert ledger().shortfall(steps=10) is None
+
+
+def test_what_the_data_are_to_blame_for_leaves_a_run_complete():
+    whole = ledger(
+        imu_report(refused={"twist_non_finite": 1}),
+        slam_report(predictions=9, refused={"features_duplicate_ids": 3}),
+    )
+    assert whole.is_settled(steps=7)
+    assert whole.shortfall(steps=7) is None
+    refused, first = whole.refused(at_end=True)
+    assert refused == {"features_duplicate_ids": 3, "twist_non_finite": 1}
+    assert first == {"features_duplicate_ids": "1.5"}
+
+
+def test_frames_that_wait_for_a_motion_that_nobody_sent_are_refused_at_the_end():
+    whole = ledger(slam=slam_report(waiting=1))
+    assert whole.is_settled(steps=9)
+    assert whole.shortfall(steps=9) is None
+    assert whole.refused(at_end=False) == ({}, {})
+    assert whole.refused(at_end=True) == (
+        {"features_no_prediction": 1},
+        {"features_no_prediction": "9.9"},
+    )
+
+
+@pytest.mark.parametrize(
+    ("imu", "slam", "steps", "words"),
+    [
+        (None, slam_report(features=8), 8, "messages did not arrive: 2 of stereo/features; 8 "),
+        (imu_report(twists=9), slam_report(predictions=9, waiting=1), 9, "1 of imu/twist; 9 step"),
+        (None, slam_report(predictions=6, waiting=4), 6, "4 of prediction/odometry; 6 steps"),
+        (None, None, 9, "1 of 10 features messages were not answered"),
+        (
+            None,
+            slam_report(refused={"features_late": 10}),
+            0,
+            "not one step: 10 features_late (it",
+        ),
+        (None, slam_report(refused={"features_queue_full": 4}), 6, "refused 4 features_queue_f"),
+        (None, slam_report(refused={"internal_error": 1}), 10, "1 internal_error (a node failed"),
+    ],
+)
+def test_what_should_have_come_and_did_not_makes_it_incomplete(imu, slam, steps, words):
+    lacking = ledger(imu, slam)
+    assert words in lacking.shortfall(steps)
+
+
+def test_a_topic_that_a_node_does_not_hear_does_not_count():
+    assert ledger(sent={**SENT, IMU.name: 1000}).is_settled(steps=10)
+
+
+def test_a_player_that_begins_anew_is_counted_anew():
+    twice = ledger(slam=slam_report(refused={"features_late": 2}))
+    assert twice.is_settled(steps=8)
+    assert twice.set_sent({TWIST.name: 1, FEATURES.name: 1})
+    assert not twice.is_settled(steps=0)
+    twice.set_sent(SENT)
+    twice.set_report("imu_prediction_node", imu_report(twists=20))
+    twice.set_report("slam_node", slam_report(20, 20, refused={"features_late": 2}))
+    assert not twice.is_settled(steps=9)
+    assert twice.is_settled(steps=10)
+
+
+def test_a_report_is_read_from_the_values_of_a_status():
+    report = NodeReport.of_values(
+        {
+            "rate imu/twist [Hz]": "10.0",
+            "received imu/twist": "12",
+            "refused twist_late": "2",
+            "first twist_late [s]": "3.5",
+            "features waiting": "4",
+            "first waiting [s]": "9.5",
+            "predictions": "10",
+        }
+    )
+    assert report == NodeReport(
+        {"imu/twist": 12}, {"twist_late": 2}, {"twist_late": "3.5"}, 4, "9.5", 10
+    )
+
+
+def test_offline_the_same_rule_holds():
+    assert shortfall(5, {"features_late": 2}, {}) is None
+    assert shortfall(0, {}, {}) == "not one step: there were no features"
+    assert shortfall(5, {"features_queue_full": 2}, {}).startswith("refused 2 features_queue_full")
+
+
+def test_refused_messages_are_told_in_one_line():
+    line = describe_refused({"twist_late": 2, "imu_unpaired": 1}, {"twist_late": "7.5"})
+    assert line == (
+        "2 twist_late (it came after a newer one, the first at 7.5 s); "
+        "1 imu_unpaired (the other stream has none with the same stamp)"
+    )

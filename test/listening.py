@@ -1,0 +1,77 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A node that listens to a player, and how to wait for what it should hear."""
+
+import time
+from collections import defaultdict
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
+from vislam_ros.data.bags.layout import FEATURES, IMU, ODOMETRY, PLAYER, TWIST
+from vislam_ros.nodes import conversions
+from vislam_ros.nodes.player.options import PlayOptions
+from vislam_ros.nodes.topics import LATCHED, STREAM, message_class, qos_profile
+
+WAIT = 30.0
+STEPS = 40
+FULL_SPEED = PlayOptions(rate=0.0, wait=WAIT)
+STREAMS = (IMU, TWIST, FEATURES)
+LATCHES = CALIBRATION_TOPICS
+
+
+class Listener(Node):
+    """Keeps the raw messages of topics, and answers features if it is told to."""
+
+    def __init__(self, context, *, topics=(*STREAMS, *LATCHES), delay=0.0):
+        super().__init__("listener", context=context)
+        self.heard = defaultdict(list)
+        self.delay = delay
+        self.ahead = []
+        for topic in topics:
+            self.listen(topic)
+        self.states = []
+        self.create_subscription(DiagnosticArray, PLAYER.name, self._on_status, LATCHED)
+
+    def listen(self, topic, name=None):
+        name = name or topic.recorded
+
+        def keep(data):
+            if self.delay:
+                time.sleep(self.delay)
+            self.heard[name].append(data)
+
+        self.create_subscription(
+            message_class(topic.msgtype), name, keep, qos_profile(topic.qos), raw=True
+        )
+
+    def answer_features(self, every):
+        """Answer every so many feature frames, and note how many were unanswered."""
+        odometry = self.create_publisher(Odometry, ODOMETRY.name, STREAM)
+        waiting = []
+
+        def answer(message):
+            waiting.append(message.header)
+            self.ahead.append(len(waiting))
+            if len(waiting) == every:
+                odometry.publish(Odometry(header=waiting[-1]))
+                waiting.clear()
+
+        self.create_subscription(PointCloud2, FEATURES.recorded, answer, STREAM)
+
+    def _on_status(self, message):
+        self.states.append(conversions.status_values(message, "player"))
+
+
+def wait_until(condition, what):
+    deadline = time.monotonic() + WAIT
+    while not condition():
+        assert time.monotonic() < deadline, f"{what} did not happen"
+        time.sleep(0.01)
+
+
+def recorded(bag, topic, **part):
+    return [data for _, _, data in bag.messages([topic], **part)]

@@ -1,0 +1,73 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+from benchmark.sensitivity.constants import CONSTANTS, Constant, scaled
+from benchmark.sensitivity.varied import varied
+from numerics import CAMERA
+from numpy.testing import assert_array_equal
+
+from vislam_ros.core.filters import robocentric_model
+from vislam_ros.core.geometry import warp
+from vislam_ros.core.noise.disparity_prior import DisparityPrior
+
+
+def named(key: str) -> Constant:
+    return next(constant for constant in CONSTANTS if constant.key == key)
+
+
+def test_every_constant_stands_where_it_is_said_to_and_has_other_values_to_try() -> None:
+    for constant in CONSTANTS:
+        assert len(constant.values) == 2
+        assert constant.value not in constant.values
+    assert len({constant.key for constant in CONSTANTS}) == len(CONSTANTS)
+
+
+def test_numbers_are_halved_and_doubled_in_their_own_kind() -> None:
+    assert scaled(0.3, 0.5) == 0.15
+    assert scaled(5, 0.5) == 2
+    assert scaled(1, 0.5) == 1
+    assert scaled((3.0, 4.0), 2.0) == (6.0, 8.0)
+
+
+def test_a_constant_has_its_other_value_while_the_context_lasts() -> None:
+    constant = named("core.filters.robocentric_model.FIRST_TWIST_STD")
+    before = robocentric_model.FIRST_TWIST_STD
+    with varied(constant, (1.0,) * 6):
+        assert_array_equal(robocentric_model.FIRST_TWIST_STD, np.ones(6))
+    assert robocentric_model.FIRST_TWIST_STD is before
+
+
+def ahead(y: np.ndarray) -> list[bool]:
+    return warp.warp(CAMERA, y, np.eye(4)).ahead.tolist()
+
+
+def test_compiled_functions_and_those_that_call_them_use_the_other_value() -> None:
+    # At 14 and at 45 degrees.
+    y = np.array([[CAMERA.cx + f * CAMERA.fx, CAMERA.cx, CAMERA.cy] for f in (0.25, 1.0)])
+    y[:, 1] = y[:, 0] - 5.0
+    assert ahead(y) == [True, True]
+    with varied(named("core.geometry.warp._MAX_RAY_SQUARED"), 0.5):
+        assert ahead(y) == [True, False]
+    assert ahead(y) == [True, True]
+
+
+def test_modules_that_have_imported_a_compiled_function_use_the_other_value() -> None:
+    y, own = np.array([[503.0, 500.0, 100.0]]), np.eye(3)[None]
+    assert robocentric.has_position(y, own)
+    with varied(named("core.filters.image_point_map._SIGNIFICANT_DISPARITY"), 3.0):
+        assert not robocentric.has_position(y, own)
+    assert robocentric.has_position(y, own)
+
+
+def test_two_values_of_one_constant_do_not_mix() -> None:
+    prior = DisparityPrior()
+    prior.add(7.0 * np.exp(0.75 * np.random.default_rng(71).standard_normal(500)))
+    measured, variance = np.full(1, 3.0), np.full(1, 2.0)
+    as_is = prior.posterior(measured, variance)[1]
+    found = []
+    for share in (0.95, 0.99, 0.95):
+        with varied(named("core.noise.disparity_prior._LEAST_VARIANCE"), share):
+            found.append(prior.posterior(measured, variance)[1].item())
+    assert found == pytest.approx([1.9, 1.98, 1.9])
+    assert_array_equal(prior.posterior(measured, variance)[1], as_is)

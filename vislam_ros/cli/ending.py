@@ -1,0 +1,38 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How ``solve`` and ``run`` end: the same table, note and exit code for the same results."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from vislam_ros.cli.screen import print_summary
+from vislam_ros.data.results.completeness import describe_refused
+from vislam_ros.errors import VislamError
+
+PassResults: TypeAlias = tuple[Path, Mapping[str, Any]]
+"""Result directory of a pass, and its summary."""
+
+
+def print_passes(passes: Sequence[PassResults]) -> None:
+    """Print what came of each pass."""
+    for directory, summary in passes:
+        print_summary(f"{summary['drive']} in {directory}", summary)
+
+
+def require_complete(passes: Sequence[PassResults]) -> None:
+    """Name what was refused on the way to complete results.
+
+    Raises
+    ------
+    VislamError
+        Where a pass is not complete (see :mod:`vislam_ros.data.results.completeness`).
+    """
+    for directory, summary in passes:
+        if not summary["complete"]:
+            raise VislamError(f"{directory}: incomplete: {summary['incomplete_reason']}")
+    _, last = passes[-1]
+    if last["refused"]:
+        refused = describe_refused(last["refused"], last["refused_first"])
+        print(f"note: not used: {refused}", file=sys.stderr)

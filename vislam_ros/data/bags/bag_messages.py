@@ -1,0 +1,191 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The messages of a bag as they are stored: raw for the player, decoded by their type."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.interfaces import ConnectionExtRosbag2, Qos, QosDurability
+from rosbags.typesys import Stores, get_typestore
+
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
+from vislam_ros.errors import VislamError
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like a bag: a directory with metadata.yaml, or a storage file."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    return path.is_file() and path.suffix in (".mcap", ".db3")
+
+
+@dataclass(frozen=True)
+class BagConnection:
+    """A topic of a bag.
+
+    Attributes
+    ----------
+    topic, msgtype : str
+        Such as ``/imu/data`` and ``sensor_msgs/msg/Imu``.
+    count : int
+        Number of messages.
+    qos : rosbags.interfaces.Qos or None
+        The first profile that was offered, where the bag knows one.
+    """
+
+    topic: str
+    msgtype: str
+    count: int
+    qos: Qos | None
+
+    @property
+    def latched(self) -> bool:
+        """Whether late subscribers are to get the last message (transient local)."""
+        return self.qos is not None and self.qos.durability is QosDurability.TRANSIENT_LOCAL
+
+
+class BagMessages:
+    """The messages of a bag, undecoded: a context manager.
+
+    Damage is not looked for here; see :func:`vislam_ros.data.bags.integrity.require_intact`.
+
+    Parameters
+    ----------
+    path : Path
+        A bag directory or a bare ``.mcap`` or ``.db3`` file.
+
+    Attributes
+    ----------
+    connections : tuple of BagConnection
+    start, end : int
+        Log times of the first and of the last message, nanoseconds; both 0 where there is none.
+
+    Raises
+    ------
+    VislamError
+        On opening or reading what is missing, cut off or otherwise no bag.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.connections: tuple[BagConnection, ...] = ()
+        self.start = 0
+        self.end = 0
+
+    def __enter__(self) -> "BagMessages":
+        if not self.path.exists():
+            raise VislamError(f"{self.path}: no such file or directory")
+        if not is_bag(self.path):
+            raise VislamError(
+                f"{self.path}: is not a bag: that is a directory with metadata.yaml, or .mcap"
+            )
+        try:
+            self._reader = AnyReader(
+                [self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY)
+            )
+            self._reader.open()
+        except Exception as error:  # damaged bags raise errors of every kind
+            raise self._unreadable(error) from error
+        self._by_connection = {
+            connection.id: BagConnection(
+                connection.topic,
+                connection.msgtype,
+                connection.msgcount,
+                _first_qos(connection.ext),
+            )
+            for connection in self._reader.connections
+        }
+        self.connections = tuple(self._by_connection.values())
+        if self._reader.message_count:
+            # The reader's end is the first nanosecond after the last message.
+            self.start, self.end = self._reader.start_time, self._reader.end_time - 1
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._reader.close()
+
+    @property
+    def duration(self) -> int:
+        """Nanoseconds from the first message to the last."""
+        return self.end - self.start
+
+    @property
+    def count(self) -> int:
+        """Number of messages."""
+        return sum(connection.count for connection in self.connections)
+
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        *,
+        start_offset: int = 0,
+        stop_offset: int | None = None,
+    ) -> Iterator[tuple[BagConnection, int, bytes]]:
+        """Yield connection, log time (ns) and CDR bytes of each message, in time order.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Names as in the bag; all topics where None.
+        start_offset : int
+            Nanoseconds after the bag's start. Messages of latched topics from before that come
+            first, with their own log times: what follows needs them.
+        stop_offset : int, optional
+            Nanoseconds after the bag's start; later messages are left out, one at that very time
+            is not.
+        """
+        chosen = [
+            connection
+            for connection in self._reader.connections
+            if topics is None or connection.topic in topics
+        ]
+        latched = [item for item in chosen if self._by_connection[item.id].latched]
+        begin = self.start + start_offset
+        stop = (self.end if stop_offset is None else self.start + stop_offset) + 1
+        if start_offset > 0:
+            yield from self._read(latched, self.start, min(begin, stop))
+        yield from self._read(chosen, begin, stop)
+
+    def decode(self, connection: BagConnection, data: bytes) -> Any:
+        """Message of its CDR bytes.
+
+        Raises
+        ------
+        RefusedMessage
+            Where they are no message of the connection's type.
+        """
+        try:
+            return self._reader.deserialize(data, connection.msgtype)
+        except AnyReaderError as error:
+            raise RefusedMessage(Refusal.UNDECODABLE) from error
+
+    def _read(
+        self, connections: list[Any], start: int, stop: int
+    ) -> Iterator[tuple[BagConnection, int, bytes]]:
+        if not connections or start >= stop:
+            return
+        try:
+            for connection, stamp, data in self._reader.messages(connections, start, stop):
+                yield self._by_connection[connection.id], stamp, data
+        except Exception as error:  # damaged bags raise errors of every kind
+            raise self._unreadable(error) from error
+
+    def _unreadable(self, error: Exception) -> VislamError:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        return VislamError(f"{self.path}: cannot read this bag: {reason}")
+
+
+def _first_qos(extension: object) -> Qos | None:
+    profiles = (
+        extension.offered_qos_profiles if isinstance(extension, ConnectionExtRosbag2) else []
+    )
+    return profiles[0] if profiles else None

@@ -1,0 +1,187 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""When a run is complete, live and offline alike; ``complete`` decides the exit code.
+
+A run is complete when all that was sent arrived, each features message was answered by a step or
+refused for a reason that lies in the data, there is a step at all, and, live, the map of the last
+step was written. What the data are to blame for (:attr:`Refusal.is_of_data`) leaves a run
+complete, for any other run over the same messages refuses them again: they are counted and named.
+What should have arrived and did not, or what a node failed to use, makes it incomplete.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from vislam_ros.core.tracking.refusals import Refusal, Stream, refusal_of
+from vislam_ros.data.bags.layout import FEATURES, PREDICTION
+
+_SLAM, _PREDICTION_NODE = "slam_node", "imu_prediction_node"
+_FEATURES_WORD = f"{Stream.FEATURES.value}_"
+_NO_PREDICTION = _FEATURES_WORD + Refusal.NO_PREDICTION.word
+
+
+def counts_from_values(values: Mapping[str, str], prefix: str) -> dict[str, int]:
+    """Counts among the values of a status, by what follows the prefix of their names.
+
+    Raises
+    ------
+    ValueError
+        Where one is no number.
+    """
+    return {
+        key.removeprefix(prefix): int(value)
+        for key, value in values.items()
+        if key.startswith(prefix)
+    }
+
+
+def describe_refused(refused: Mapping[str, int], first: Mapping[str, str]) -> str:
+    """One line on refused messages by word, with the stamp (s) of the first where it is known."""
+    return "; ".join(
+        f"{count} {word} ({refusal_of(word).text}"
+        + (f", the first at {first[word]} s)" if word in first else ")")
+        for word, count in refused.items()
+    )
+
+
+def shortfall(steps: int, refused: Mapping[str, int], first: Mapping[str, str]) -> str | None:
+    """Why a run over messages that all arrived is not complete, or None."""
+    if not steps:
+        reason = describe_refused(refused, first) or "there were no features"
+        return f"not one step: {reason}"
+    faults = {word: n for word, n in refused.items() if not refusal_of(word).is_of_data}
+    return f"refused {describe_refused(faults, first)}" if faults else None
+
+
+@dataclass(frozen=True)
+class NodeReport:
+    """What a node last said of itself on /diagnostics.
+
+    Attributes
+    ----------
+    received : dict of str to int
+        Messages it was sent, by topic.
+    refused : dict of str to int
+        Those it did not use, by word.
+    first : dict of str to str
+        Stamp (s) of the first of them.
+    waiting : int
+        Feature frames that wait for their prediction.
+    first_waiting : str or None
+        Stamp (s) of the first of them.
+    predictions : int
+        Predicted poses that it published.
+    """
+
+    received: dict[str, int] = field(default_factory=dict)
+    refused: dict[str, int] = field(default_factory=dict)
+    first: dict[str, str] = field(default_factory=dict)
+    waiting: int = 0
+    first_waiting: str | None = None
+    predictions: int = 0
+
+    @classmethod
+    def of_values(cls, values: Mapping[str, str]) -> "NodeReport":
+        """Report of the values of a status on /diagnostics.
+
+        Raises
+        ------
+        ValueError
+            Where a count is no number.
+        """
+        refused = counts_from_values(values, "refused ")
+        first = {word: values.get(f"first {word} [s]") for word in refused}
+        return cls(
+            received=counts_from_values(values, "received "),
+            refused=refused,
+            first={word: stamp for word, stamp in first.items() if stamp is not None},
+            waiting=int(values.get("features waiting", 0)),
+            first_waiting=values.get("first waiting [s]"),
+            predictions=int(values.get("predictions", 0)),
+        )
+
+
+class Ledger:
+    """Compares what a player has sent with what the nodes say became of it."""
+
+    def __init__(self) -> None:
+        self._sent: Mapping[str, int] = {}
+        self._reports: dict[str, NodeReport] = {}
+        self._before: dict[str, NodeReport] = {}
+
+    @property
+    def features_sent(self) -> int:
+        """Features messages that the player has sent."""
+        return self._sent.get(FEATURES.name, 0)
+
+    def set_sent(self, sent: Mapping[str, int]) -> bool:
+        """Note how much a player has sent, by topic; tell whether another player has begun."""
+        begins = any(sent.get(topic, 0) < count for topic, count in self._sent.items())
+        if begins:
+            self._before = dict(self._reports)
+        self._sent = sent
+        return begins
+
+    def set_report(self, node: str, report: NodeReport) -> bool:
+        """Note what a node says; tell whether it is news."""
+        is_news = self._reports.get(node) != report
+        self._reports[node] = report
+        return is_news
+
+    def unanswered(self, steps: int) -> int:
+        """Features messages that were sent and came to nothing yet, given the steps so far."""
+        report = self._since(_SLAM)
+        refused = (
+            count for word, count in report.refused.items() if word.startswith(_FEATURES_WORD)
+        )
+        return max(0, self.features_sent - steps - sum(refused) - report.waiting)
+
+    def is_settled(self, steps: int) -> bool:
+        """Whether nothing is on its way any more, given the steps so far."""
+        return not self.missing() and not self.unanswered(steps)
+
+    def missing(self) -> dict[str, int]:
+        """Messages that were sent and have not arrived yet where they are used, by topic."""
+        sent = {**self._sent, PREDICTION.name: self._since(_PREDICTION_NODE).predictions}
+        return {
+            topic: sent[topic] - arrived
+            for node in self._reports
+            for topic, arrived in self._since(node).received.items()
+            if arrived < sent.get(topic, 0)
+        }
+
+    def refused(self, *, at_end: bool) -> tuple[dict[str, int], dict[str, str]]:
+        """Refused messages of all nodes by word, and the stamp (s) of the first of each.
+
+        At the end, the frames that still wait are refused too: no prediction is to come.
+        """
+        refused: Counter[str] = Counter()
+        first: dict[str, str] = {}
+        for _, report in sorted(self._reports.items()):
+            refused.update(report.refused)
+            first = {**report.first, **first}
+        slam = self._reports.get(_SLAM, NodeReport())
+        if at_end and slam.first_waiting is not None:
+            refused[_NO_PREDICTION] += slam.waiting
+            first.setdefault(_NO_PREDICTION, slam.first_waiting)
+        return dict(sorted(refused.items())), dict(sorted(first.items()))
+
+    def shortfall(self, steps: int) -> str | None:
+        """Why the run is not complete, or None, given how many steps were recorded."""
+        if missing := self.missing():
+            lost = ", ".join(f"{count} of {topic}" for topic, count in missing.items())
+            return f"messages did not arrive: {lost}; {steps} steps"
+        if unanswered := self.unanswered(steps):
+            return f"{unanswered} of {self.features_sent} features messages were not answered"
+        return shortfall(steps, *self.refused(at_end=True))
+
+    def _since(self, node: str) -> NodeReport:
+        """What a node says has happened since the player began."""
+        now, before = (r.get(node, NodeReport()) for r in (self._reports, self._before))
+        return replace(
+            now,
+            received={t: n - before.received.get(t, 0) for t, n in now.received.items()},
+            refused={w: n - before.refused.get(w, 0) for w, n in now.refused.items()},
+            predictions=now.predictions - before.predictions,
+        )
