@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 
 #: A number, or several that are varied together.
 Value: TypeAlias = float | tuple[float, ...]
@@ -28,7 +28,7 @@ class Constant:
     Attributes
     ----------
     module : str
-        Below ``vislam_ros``; ``settings`` for one of SlamSettings.
+        Below ``vislam_ros``; ``settings`` for one of the default filter.
     name : str
     trials : tuple of Value
         What to try; half and double where there is none.
@@ -56,7 +56,9 @@ class Constant:
     @property
     def value(self) -> Value:
         """Value as it stands."""
-        holder: Any = SlamSettings() if self.is_setting else importlib.import_module(self.path)
+        holder: Any = (
+            RobocentricSettings() if self.is_setting else importlib.import_module(self.path)
+        )
         value = getattr(holder, self.name)
         return tuple(np.asarray(value).tolist()) if np.ndim(value) else value
 

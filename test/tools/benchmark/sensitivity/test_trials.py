@@ -9,11 +9,12 @@ from benchmark.sensitivity.drives import TrialDrive, load, recorded_drives, simu
 from benchmark.sensitivity.summary import markdown, summary
 from benchmark.sensitivity.trials import Trial, TrialSettings, run_trial, trials_of
 
-from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
+from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 
-SETTINGS = TrialSettings(SlamSettings(), PredictionSettings())
+SETTINGS = TrialSettings(RobocentricSettings(), PredictionSettings())
 DRIVE = TrialDrive("short", SimulationSettings(steps=60, landmarks=300, seed=3))
 GATE = Constant("core.noise.track_noise", "_PRIOR_NUMBERS", (1.0, 600.0))
 

@@ -7,7 +7,7 @@ from benchmark.sensitivity.varied import varied
 from numerics import CAMERA
 from numpy.testing import assert_array_equal
 
-from vislam_ros.core.filters import robocentric_model
+from vislam_ros.core.filters import robocentric, robocentric_model
 from vislam_ros.core.geometry import warp
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
 
