@@ -11,7 +11,8 @@ import pytest
 from places import REPOSITORY
 
 from vislam_ros.cli.parameters import SETTINGS_OF_NODES
-from vislam_ros.core.filters.registry import estimator_named, estimator_names, unused_settings
+from vislam_ros.core.filters.flat_settings import unused_settings
+from vislam_ros.core.filters.registry import estimator_named, estimator_names
 from vislam_ros.core.settings import SlamSettings, settings_from_dict
 from vislam_ros.data.files.parameter_file import read_parameters
 
@@ -22,7 +23,7 @@ def names_of(cls: type[Any]) -> set[str]:
     return {field.name for field in dataclasses.fields(cls)}
 
 
-def classes_of(node):
+def classes_of(node: str) -> list[Any]:
     """Settings classes that a node takes parameters of, those of every estimator included."""
     estimators = [estimator_named(name).settings for name in estimator_names()]
     return [*SETTINGS_OF_NODES[node], *(estimators if node == "slam_node" else [])]
@@ -42,7 +43,7 @@ def test_the_recommended_file_names_every_parameter() -> None:
         assert parameters[node].keys() == set().union(*map(names_of, classes_of(node)))
 
 
-def test_the_recommended_values_are_the_defaults_of_every_estimator():
+def test_the_recommended_values_are_the_defaults_of_every_estimator() -> None:
     for node, values in read_parameters(CONFIG / "ekf.yaml").items():
         for cls in classes_of(node):
             own = {k: v for k, v in values.items() if k in names_of(cls)}
@@ -51,7 +52,7 @@ def test_the_recommended_values_are_the_defaults_of_every_estimator():
             assert settings_from_dict(cls, own) == cls()
 
 
-def test_the_report_s_table_sets_nothing_that_its_filter_does_not_use():
+def test_the_report_s_table_sets_nothing_that_its_filter_does_not_use() -> None:
     assert unused_settings(read_parameters(CONFIG / "report_table1.yaml")["slam_node"]) == {}
 
 

@@ -49,6 +49,8 @@ def test_importing_the_package_imports_nothing_large() -> None:
 def test_the_first_lines_of_the_documentation_run() -> None:
     drive = vi.simulate(steps=30, landmarks=150).drive
     solution = vi.solve(drive, smooth=True)
+    assert drive.ground_truth is not None
+    assert solution.smoothed is not None
     evaluation = vi.evaluate(solution.trajectory, drive.ground_truth)
     assert evaluation.ate.rmse < 0.3
     assert vi.evaluate(solution.smoothed, drive.ground_truth).nees_per_dof is not None

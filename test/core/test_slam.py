@@ -10,8 +10,9 @@ from numerics import CAMERA
 from numpy.testing import assert_allclose
 from scenes import passing_scene
 
+from vislam_ros.core.filters.flat_settings import slam_settings
 from vislam_ros.core.filters.quantities import GYRO_BIAS
-from vislam_ros.core.filters.registry import estimator_names, slam_settings
+from vislam_ros.core.filters.registry import estimator_names
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam

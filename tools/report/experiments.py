@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from vislam_ros.core.filters.registry import replaced
+from vislam_ros.core.filters.flat_settings import replaced
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import compare

@@ -11,11 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vislam_ros.core.filters.registry import (
-    setting_owners,
-    slam_settings,
-    unused_note,
-)
+from vislam_ros.core.filters.flat_settings import setting_owners, slam_settings, unused_note
 from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import (

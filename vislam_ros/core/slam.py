@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.filters.estimator import Estimator
-from vislam_ros.core.filters.registry import Surroundings, completed, estimator_named
+from vislam_ros.core.filters.flat_settings import completed
+from vislam_ros.core.filters.registry import Surroundings, estimator_named
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap

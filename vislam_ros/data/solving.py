@@ -12,7 +12,7 @@ import threadpoolctl
 from numpy.typing import NDArray
 
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning, Prediction
-from vislam_ros.core.filters.registry import completed, replaced, unused_note
+from vislam_ros.core.filters.flat_settings import completed, replaced, unused_note
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.slam import Slam

@@ -16,7 +16,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from vislam_ros.core.filters.registry import setting_owners, slam_settings, unused_note
+from vislam_ros.core.filters.flat_settings import setting_owners, slam_settings, unused_note
 from vislam_ros.core.settings import SlamSettings, nearest_name, settings_from_dict
 from vislam_ros.errors import SettingsError
 

@@ -13,21 +13,13 @@ import pytest
 from numerics import CAMERA
 
 from vislam_ros.core.filters import registry
-from vislam_ros.core.filters.joint import JointSettings
-from vislam_ros.core.filters.mapping import MappingSettings
-from vislam_ros.core.filters.registry import (
-    completed,
-    estimator_named,
-    estimator_names,
-    register_estimator,
-    replaced,
+from vislam_ros.core.filters.flat_settings import (
     slam_settings,
-    unused_note,
     unused_settings,
 )
-from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
+from vislam_ros.core.filters.joint import JointSettings
+from vislam_ros.core.filters.registry import estimator_named, estimator_names, register_estimator
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.slam import Slam
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulation.simulate import simulate
 from vislam_ros.data.solving import Solution, solve
@@ -188,59 +180,6 @@ def test_each_setting_of_an_estimator_moves_it_but_for_those_said_to_be_unused(
         if same(solved(**given), solved(**{**given, setting: OTHER_VALUES[setting]})):
             still.add(setting)
     assert still == set(registration.unused)
-
-
-def test_settings_are_those_of_the_estimator_that_is_named_among_them() -> None:
-    assert slam_settings({}) == RobocentricSettings()
-    values = {"estimator": "joint", "min_disparity": 2, "slip_std": 0.5}
-    assert slam_settings(values) == JointSettings(min_disparity=2.0)
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"estimator": "magic"}, ["estimator", "'magic'", "robocentric", "joint", "module:Class"]),
-        ({"estimator": 3}, ["estimator", "3", "joint"]),
-        ({"min_disparty": 1.0}, ["min_disparty", "no such parameter", "min_disparity?"]),
-        # Those of other estimators must be right, too.
-        ({"min_disparity": "high"}, ["min_disparity", "'high'", "number"]),
-        ({"estimator": "joint", "slip_std": -1.0}, ["slip_std", "-1.0", "at least 0"]),
-    ],
-)
-def test_a_wrong_name_or_value_is_told_in_a_line(values: dict[str, Any], words: list[str]) -> None:
-    with pytest.raises(SettingsError) as caught:
-        slam_settings(values)
-    assert "\n" not in str(caught.value)
-    for word in words:
-        assert word in str(caught.value)
-
-
-def test_what_is_set_and_not_used_is_told_in_one_line_and_a_default_is_no_setting() -> None:
-    values = {
-        "process_noise": "constant",
-        "planar": True,
-        "min_disparity": 2,
-        "landmark_prior_variance": 0.5,
-        "chi2_gate": 9.0,
-        "map_file": "",
-    }
-    assert unused_settings(values) == {
-        "min_disparity": 2.0,
-        "planar": True,
-        "process_noise": "constant",
-    }
-    assert unused_note(values) == (
-        "min_disparity, planar, process_noise: set, but not used by estimator robocentric"
-    )
-    assert unused_note({**values, "estimator": "mapping"}) is None
-
-
-def test_a_session_takes_settings_of_every_session_or_those_of_its_estimator() -> None:
-    assert completed(SlamSettings(seed=3)) == RobocentricSettings(seed=3)
-    assert completed(MappingSettings(planar=True)) == MappingSettings(planar=True)
-    assert replaced(RobocentricSettings(seed=3), estimator="joint") == JointSettings(seed=3)
-    with pytest.raises(SettingsError, match="'joint' has JointSettings, not MappingSettings"):
-        Slam(dataclasses.replace(MappingSettings(), estimator="joint"))
 
 
 def test_an_estimator_of_a_file_in_the_current_folder_is_named_by_module_and_class(

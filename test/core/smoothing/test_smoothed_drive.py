@@ -9,7 +9,8 @@ from scenes import passing_scene
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.slam import Slam, SlamStep
+from vislam_ros.core.slam import Slam
+from vislam_ros.core.step import SlamStep
 from vislam_ros.errors import SettingsError
 
 STEP = 100_000_000

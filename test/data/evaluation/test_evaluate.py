@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of merit: against cases with known answers, and against evo's commands."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -20,6 +21,7 @@ from vislam_ros.data.evaluation.evaluate import (
     associate,
     compare,
     distance_pairs,
+    evaluate,
     evaluate_results,
     first_pose_alignment,
     frame_pairs,
@@ -272,3 +274,23 @@ def test_smoothed_poses_are_judged_with_their_own_covariances(tmp_path: Path) ->
     filtered, smoothed = evaluation["trajectory"], evaluation["smoothed"]
     assert smoothed["ate_m"] == filtered["ate_m"]
     assert smoothed["nees_per_dof"] == pytest.approx(4 * filtered["nees_per_dof"])
+
+
+def test_an_estimate_is_evaluated_against_a_reference_from_memory_or_from_files(
+    tmp_path: Path,
+) -> None:
+    truth = winding_drive(18, poses=100)
+    estimate = perturbed(truth, 19)
+    covariances = np.tile(0.25 * np.eye(6), (len(estimate), 1, 1))
+    figures = compare(truth, estimate, covariances)
+    known = dataclasses.replace(estimate, covariances=covariances)
+    evaluation = evaluate(known, truth)
+    assert evaluation.poses == figures["poses"]
+    assert vars(evaluation.ate) == figures["ate_m"]
+    assert vars(evaluation.rpe_frame) == figures["rpe_frame_m"]
+    assert vars(evaluation.rpe_frame_deg) == figures["rpe_frame_deg"]
+    assert evaluation.nees_per_dof == figures["nees_per_dof"]
+    write_tum(tmp_path / "truth.tum", truth)
+    write_tum(tmp_path / "estimate.tum", estimate)
+    from_files = evaluate(str(tmp_path / "estimate.tum"), tmp_path / "truth.tum")
+    assert from_files == dataclasses.replace(evaluation, nees_per_dof=None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from vislam_ros.core.filters.registry import slam_settings
+from vislam_ros.core.filters.flat_settings import slam_settings
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate

@@ -46,6 +46,27 @@ def test_one_run_stands_for_all_seeds_where_all_tracks_are_used():
     ]
 
 
+def test_estimators_are_swept_beside_each_other_and_what_one_does_not_use_is_told():
+    swept = plan(
+        slam_node__estimator=("joint", "robocentric", "dead_reckoning"),
+        slam_node__min_disparity=(2.0, 3.0),
+        slam_node__slip_std=(0.5,),
+    )
+    assert [run.slam.estimator for run in swept.runs] == [
+        estimator for estimator in ("joint", "robocentric", "dead_reckoning") for _ in range(2)
+    ]
+    assert [run.slam.min_disparity for run in swept.runs[:2]] == [2.0, 3.0]
+    # Equal settings at two points: each point has a run all the same.
+    assert swept.runs[2].slam == swept.runs[3].slam
+    assert len({run.key for run in swept.runs}) == 6
+    assert swept.unused_notes() == [
+        "slip_std: set, but not used by estimator joint",
+        "min_disparity: set, but not used by estimator robocentric",
+        "min_disparity, slip_std: set, but not used by estimator dead_reckoning",
+    ]
+    assert plan(slam_node__slip_std=(0.5,)).unused_notes() == []
+
+
 def test_in_a_simulated_sweep_the_seed_is_the_simulations():
     runs = plan(SimulationSettings(steps=20), (3, 4), simulate__frozen_share=(0.0, 0.1)).runs
     assert [(run.simulation.frozen_share, run.simulation.seed) for run in runs] == [

@@ -22,7 +22,7 @@ from benchmark.recorded_drive import (
 )
 from benchmark.steady_session import SteadySession
 
-from vislam_ros.core.filters.registry import slam_settings
+from vislam_ros.core.filters.flat_settings import slam_settings
 from vislam_ros.core.noise.twist_noise import white_noise_levels
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.simulation.file import write_simulated

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from benchmark.peers.batch_optimum import BatchProblem, optimise
 from benchmark.peers.problem import PeerProblem, peer_problem
 from benchmark.recorded_drive import record
-from vislam_ros.core.filters.registry import replaced
+from vislam_ros.core.filters.flat_settings import replaced
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from vislam_ros.core.filters.registry import slam_settings, unused_note, unused_settings
+from vislam_ros.core.filters.flat_settings import slam_settings, unused_note, unused_settings
 from vislam_ros.core.settings import PredictionSettings, SlamSettings, changed
 from vislam_ros.data.simulation.simulate import SimulationSettings
 from vislam_ros.errors import SettingsError

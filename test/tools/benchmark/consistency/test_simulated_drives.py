@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from benchmark.consistency.simulated_drives import CELLS, Cell, MonteCarlo, spread, summary
 
-from vislam_ros.core.filters.registry import replaced
+from vislam_ros.core.filters.flat_settings import replaced
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.evaluation.evaluate import compare

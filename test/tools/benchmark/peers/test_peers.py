@@ -19,7 +19,7 @@ from benchmark.peers.problem import PeerProblem
 from benchmark.steady_session import CAMERA
 from numpy.typing import NDArray
 
-from vislam_ros.core.filters.registry import slam_settings
+from vislam_ros.core.filters.flat_settings import slam_settings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
