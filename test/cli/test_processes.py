@@ -143,7 +143,12 @@ def test_a_failed_child_is_named_with_its_last_words(start):
     )
 
 
-def test_children_end_in_reverse_order(tmp_path):
+def test_children_are_asked_in_reverse_order_and_end_together(tmp_path, monkeypatch):
+    asked = []
+    ask_to_end = Child.ask_to_end
+    monkeypatch.setattr(
+        Child, "ask_to_end", lambda self: (asked.append(self.name), ask_to_end(self))
+    )
     (tmp_path / "polite_module.py").write_text(POLITE)
     environment = {**os.environ, "PYTHONPATH": f"{REPOSITORY}:{tmp_path}"}
     children = Children(environment, tmp_path)
@@ -154,9 +159,9 @@ def test_children_end_in_reverse_order(tmp_path):
     assert children.all_alive()
     children.end()
     assert [child.exit_code for child in started] == [0, 0]
-    # A file's own time is too coarse to tell.
-    first, second = (int(child.log.read_text().split()[-1]) for child in started)
-    assert second < first
+    # All are asked before any is waited for, and nobody is interrupted twice.
+    assert asked[:2] == ["second", "first"]
+    assert all(child.last_line().startswith("good-bye") for child in started)
 
 
 @pytest.mark.parametrize("program", [POLITE, DEAF])

@@ -42,6 +42,7 @@ class Child:
     ):
         self.name = name
         self.log = log_folder / f"{name}.log"
+        self._asked = False
         with self.log.open("wb") as log:
             self._process = subprocess.Popen(
                 [sys.executable, "-u", "-m", "vislam_ros.cli.child", module, *arguments],
@@ -77,13 +78,18 @@ class Child:
         return VislamError(f"{self.name} ended early with {how}: {self.last_line()} ({self.log})")
 
     def ask_to_end(self) -> None:
-        """Send SIGINT, as Ctrl-C does."""
-        self._signal(signal.SIGINT)
+        """Send SIGINT, as Ctrl-C does, but only once."""
+        if not self._asked:
+            self._asked = True
+            self._signal(signal.SIGINT)
 
     def end(self) -> None:
         """End it, in the friendliest way that works, and wait until it is gone."""
         for number, patience in _ENDING:
-            self._signal(number)
+            if number == signal.SIGINT:
+                self.ask_to_end()
+            else:
+                self._signal(number)
             try:
                 self._process.wait(patience)
                 break
@@ -129,6 +135,8 @@ class Children:
         return bool(self._children) and all(child.exit_code is None for child in self._children)
 
     def end(self) -> None:
-        """End all of them, the last one first."""
+        """End all of them together, asking the last one first."""
+        for child in reversed(self._children):
+            child.ask_to_end()
         for child in reversed(self._children):
             child.end()
