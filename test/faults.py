@@ -6,37 +6,48 @@ The good bag is one of :data:`FRAMES` frames, with a twist for each.
 """
 
 import copy
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
-from rewriting import JUNK, changing, edit, unchanged
+from rewriting import JUNK, Change, changing, edit, unchanged
 
-from vislam_ros.data.bags.layout import EXTRINSICS, FEATURES, LEFT_CAMERA, RIGHT_CAMERA, TWIST
+from vislam_ros.data.bags.layout import (
+    EXTRINSICS,
+    FEATURES,
+    LEFT_CAMERA,
+    RIGHT_CAMERA,
+    TWIST,
+    Topic,
+)
 from vislam_ros.data.trajectory import NANOSECONDS
+
+Action: TypeAlias = Callable[[Any], None]
 
 FRAMES, K = 14, 6
 
 
-def put_nan(cloud):
+def put_nan(cloud: Any) -> None:
     cloud.data = cloud.data.copy()
     cloud.data[4:8] = 255
 
 
-def repeat_point(cloud):
+def repeat_point(cloud: Any) -> None:
     cloud.data = np.concatenate([cloud.data, cloud.data[-20:]])
     cloud.width += 1
     cloud.row_step += 20
 
 
-def turn_points_round(cloud):
+def turn_points_round(cloud: Any) -> None:
     cloud.data = cloud.data.reshape(-1, 20)[::-1].ravel()
 
 
-def set_frame(message):
+def set_frame(message: Any) -> None:
     message.header.frame_id = "elsewhere"
 
 
-def move(seconds):
-    def move(message):
+def move(seconds: float) -> Action:
+    def move(message: Any) -> None:
         stamp = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
         stamp += round(seconds * NANOSECONDS)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, NANOSECONDS)
@@ -44,20 +55,20 @@ def move(seconds):
     return move
 
 
-def at(topic, index, told):
+def at(topic: Topic, index: int, told: Callable[[Any], Any]) -> Change:
     """A change: another thing stands for one message."""
     return changing(topic, lambda place, message: told(message) if place == index else message)
 
 
-def twice(message):
+def twice(message: Any) -> list[Any]:
     return [message, message]
 
 
-def from_on(topics, index, action):
+def from_on(topics: Sequence[Topic], index: int, action: Action) -> Change:
     """A change in place of all messages of some topics from one on."""
     names = {topic.recorded for topic in topics}
 
-    def change(name, place, message):
+    def change(name: str, place: int, message: Any) -> Any:
         if name in names and place >= index:
             action(message)
         return message
@@ -65,10 +76,10 @@ def from_on(topics, index, action):
     return change
 
 
-def followed_by(topic, action):
+def followed_by(topic: Topic, action: Action) -> Change:
     """A change: a good calibration message, and then a spoilt one like it."""
 
-    def told(message):
+    def told(message: Any) -> list[Any]:
         spoilt = copy.deepcopy(message)
         action(spoilt)
         return [message, spoilt]
@@ -76,24 +87,24 @@ def followed_by(topic, action):
     return at(topic, 0, told)
 
 
-def put_p(place, value):
-    def put(info):
+def put_p(place: int, value: float) -> Action:
+    def put(info: Any) -> None:
         info.p = info.p.copy()
         info.p[place] += value
 
     return put
 
 
-def spoil_rotation(transform):
+def spoil_rotation(transform: Any) -> None:
     transform.transform.rotation.w += 1.0
 
 
-def put_twist_nan(message):
+def put_twist_nan(message: Any) -> None:
     message.twist.twist.angular.z = float("nan")
 
 
 #: Single faulty messages; name -> change, and what is refused by word.
-FAULTS = {
+FAULTS: dict[str, tuple[Change, dict[str, int]]] = {
     "nothing": (unchanged, {}),
     "points in another order": (edit(FEATURES, K, turn_points_round), {}),
     "a pixel is not finite": (edit(FEATURES, K, put_nan), {"features_non_finite": 1}),
@@ -152,7 +163,7 @@ FAULTS = {
 
 
 #: What leaves nothing to estimate.
-NO_STEP = {
+NO_STEP: dict[str, tuple[Change, dict[str, int]]] = {
     "all stamps are zero": (
         from_on([TWIST], 0, lambda m: setattr(m.header, "stamp", type(m.header.stamp)(0, 0))),
         {"twist_duplicate": FRAMES - 1, "features_no_prediction": FRAMES},
@@ -168,7 +179,7 @@ NO_STEP = {
 }
 
 
-def rename_frames(_topic, _index, message):
+def rename_frames(_topic: str, _index: int, message: Any) -> Any:
     names = {"base_link": "car", "camera_left_optical": "cam"}
     for holder, name in (
         (getattr(message, "header", None), "frame_id"),
@@ -180,7 +191,7 @@ def rename_frames(_topic, _index, message):
 
 
 #: A needed topic without a usable message; the words in which it is told.
-HOPELESS = {
+HOPELESS: dict[str, tuple[Change, list[str]]] = {
     "frames are named otherwise": (
         rename_frames,
         ["header.frame_id is 'car'", "base_frame", "header.frame_id is 'cam'", "camera_frame"],

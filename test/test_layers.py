@@ -11,6 +11,7 @@ import graphlib
 import json
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -104,6 +105,18 @@ def test_there_is_no_circle_among_rooms(folder: str, prefix: str) -> None:
     arrows = rooms(folder, prefix)
     assert sum(map(len, arrows.values())) > 5
     graphlib.TopologicalSorter(arrows).prepare()
+
+
+def test_no_file_is_longer_than_400_lines_and_no_folder_fuller_than_15_modules() -> None:
+    paths = [
+        path
+        for folder in ("vislam_ros", "tools", "test")
+        for path in (REPOSITORY / folder).rglob("*.py")
+    ]
+    lines = {str(path): len(path.read_text().splitlines()) for path in paths}
+    assert not {path: count for path, count in lines.items() if count > 400}
+    modules = Counter(path.parent for path in paths if path.name != "__init__.py")
+    assert not {folder: count for folder, count in modules.items() if count > 15}
 
 
 @pytest.mark.parametrize(("position", "layer"), list(enumerate(LAYERS)))

@@ -3,16 +3,19 @@
 """tools/sensitivity.py tries each value on each drive, once, and writes what they say."""
 
 import json
+from pathlib import Path
 
 import pytest
 import sensitivity
-from benchmark.sensitivity.constants import CONSTANTS
+from benchmark.sensitivity.constants import CONSTANTS, Constant
 from places import REPOSITORY
 
 OPTIONS = ["--only", "_PRIOR_NUMBERS", "--quick", "--simulated", "--seeds", "1", "--jobs", "1"]
 
 
-def test_an_interrupted_run_goes_on_and_the_table_says_the_same(tmp_path, capsys) -> None:
+def test_an_interrupted_run_goes_on_and_the_table_says_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     options = [*OPTIONS, "--out", str(tmp_path)]
     assert sensitivity.main(options) == 0
     table = capsys.readouterr().out
@@ -32,12 +35,12 @@ def test_an_interrupted_run_goes_on_and_the_table_says_the_same(tmp_path, capsys
     )
 
 
-def test_a_part_of_no_name_is_refused(tmp_path, capsys) -> None:
+def test_a_part_of_no_name_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sensitivity.main(["--only", "nonsense", "--out", str(tmp_path)]) == 1
     assert "nonsense" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("constant", CONSTANTS, ids=lambda constant: constant.key)
-def test_every_constant_is_explained(constant) -> None:
+def test_every_constant_is_explained(constant: Constant) -> None:
     page = (REPOSITORY / "docs" / "constants.md").read_text()
     assert f"`{constant.key}`" in page

@@ -23,7 +23,7 @@ def table_below(header: str, start: str = "") -> list[str]:
 
 
 def first_cells(lines: list[str]) -> list[str]:
-    return [re.match(r"\| `(\w[\w.]*)`", line)[1] for line in lines]  # type: ignore[index]
+    return [re.match(r"\| `(\w[\w.]*)`", line)[1] for line in lines]
 
 
 def line(columns: tuple[Column, ...]) -> str:

@@ -28,7 +28,7 @@ class Constant:
     Attributes
     ----------
     module : str
-        Below ``vislam_ros``; ``settings`` for one of the default filter.
+        Below ``vislam_ros``; ``settings`` for one of RobocentricSettings.
     name : str
     trials : tuple of Value
         What to try; half and double where there is none.
@@ -124,7 +124,7 @@ CONSTANTS: tuple[Constant, ...] = (
     ),
     *_of("core.noise.frame_rate", "_DURATIONS"),
     *_of("core.linalg.gating", ("_AS_FAR_OFF", (0.25, 0.9))),
-    *_of("core.filters.robocentric_model", "FIRST_TWIST_STD"),
+    *_of("core.motion", "FIRST_TWIST_STD"),
     *_of("core.filters.robocentric", "_SHORTEST_STEP"),
     *_of("core.filters.image_point_map", "_SIGNIFICANT_DISPARITY"),
     *_of("core.geometry.warp", "_MIN_DEPTH_RATIO", "_MAX_RAY_SQUARED"),

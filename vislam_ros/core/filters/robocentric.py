@@ -40,8 +40,8 @@ A step from stamp k - 1 to k, of tau seconds:
 6. The noise of the motion is learned from what vision has seen of it.
 7. Landmarks seen for the first time are initialized.
 
-``test/dense_robocentric.py`` is the same filter in plain numpy, without regard to speed; a test
-holds the two together to 1e-9.
+``test/twins/dense_robocentric.py`` is the same filter in plain numpy, without regard to speed; a
+test holds the two together to 1e-9.
 """
 
 from dataclasses import replace

@@ -1,6 +1,7 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +14,15 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
+from vislam_ros.data.sweeps.run import Row
 
 SETTINGS = TrialSettings(RobocentricSettings(), PredictionSettings())
-DRIVE = TrialDrive("short", SimulationSettings(steps=60, landmarks=300, seed=3))
+DRIVE = TrialDrive(
+    "short",
+    SimulationSettings(
+        steps=60, landmarks=300, velocity_noise_std=0.5, angular_velocity_noise_std=0.05, seed=3
+    ),
+)
 GATE = Constant("core.noise.track_noise", "_PRIOR_NUMBERS", (1.0, 600.0))
 
 
@@ -55,7 +62,9 @@ def test_what_goes_wrong_is_the_rows_error() -> None:
     assert "ate_m" not in row
 
 
-def test_recorded_drives_are_those_with_a_reference_whole_and_with_fewer_tracks(tmp_path) -> None:
+def test_recorded_drives_are_those_with_a_reference_whole_and_with_fewer_tracks(
+    tmp_path: Path,
+) -> None:
     for name in ("a", "b"):
         write_simulated(tmp_path / f"{name}.npz", simulate(SimulationSettings(20, 100)))
     (tmp_path / "b.tum").rename(tmp_path / "b_pseudo.tum")
@@ -68,7 +77,7 @@ def test_recorded_drives_are_those_with_a_reference_whole_and_with_fewer_tracks(
     assert load(drives[2]).drive.steps == 20
 
 
-def row(drive: TrialDrive, value: float | None, ate: float, sha: str = "0") -> dict:
+def row(drive: TrialDrive, value: float | None, ate: float, sha: str = "0") -> Row:
     constant = None if value is None else GATE
     key = Trial(drive, constant, value).key
     figures = {"ate_m": ate, "nees": 1.0, "error_percent": ate / 2, "landmarks": 10, "sha256": sha}

@@ -7,8 +7,10 @@ from benchmark.sensitivity.varied import varied
 from numerics import CAMERA
 from numpy.testing import assert_array_equal
 
+from vislam_ros.core import motion
 from vislam_ros.core.filters import robocentric, robocentric_model
 from vislam_ros.core.geometry import warp
+from vislam_ros.core.noise import motion_noise, track_noise
 from vislam_ros.core.noise.disparity_prior import DisparityPrior
 
 
@@ -31,11 +33,19 @@ def test_numbers_are_halved_and_doubled_in_their_own_kind() -> None:
 
 
 def test_a_constant_has_its_other_value_while_the_context_lasts() -> None:
-    constant = named("core.filters.robocentric_model.FIRST_TWIST_STD")
-    before = robocentric_model.FIRST_TWIST_STD
+    constant = named("core.motion.FIRST_TWIST_STD")
+    before = motion.FIRST_TWIST_STD
     with varied(constant, (1.0,) * 6):
-        assert_array_equal(robocentric_model.FIRST_TWIST_STD, np.ones(6))
-    assert robocentric_model.FIRST_TWIST_STD is before
+        assert_array_equal(motion.FIRST_TWIST_STD, np.ones(6))
+        # Wherever it was imported, too.
+        assert vars(robocentric_model)["FIRST_TWIST_STD"] is motion.FIRST_TWIST_STD
+    assert vars(robocentric_model)["FIRST_TWIST_STD"] is motion.FIRST_TWIST_STD is before
+
+
+def test_a_constant_of_another_module_with_the_same_name_and_value_is_left_alone() -> None:
+    with varied(named("core.noise.motion_noise._MEMORY"), 1.0):
+        assert motion_noise._MEMORY == 1.0
+        assert track_noise._MEMORY == 30.0
 
 
 def ahead(y: np.ndarray) -> list[bool]:
@@ -54,10 +64,10 @@ def test_compiled_functions_and_those_that_call_them_use_the_other_value() -> No
 
 def test_modules_that_have_imported_a_compiled_function_use_the_other_value() -> None:
     y, own = np.array([[503.0, 500.0, 100.0]]), np.eye(3)[None]
-    assert robocentric.has_position(y, own)
+    assert vars(robocentric)["has_position"](y, own)
     with varied(named("core.filters.image_point_map._SIGNIFICANT_DISPARITY"), 3.0):
-        assert not robocentric.has_position(y, own)
-    assert robocentric.has_position(y, own)
+        assert not vars(robocentric)["has_position"](y, own)
+    assert vars(robocentric)["has_position"](y, own)
 
 
 def test_two_values_of_one_constant_do_not_mix() -> None:
