@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The examples and the snippets of the documentation run, and end where they say."""
 
-import os
 import re
-import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -25,19 +23,18 @@ EXAMPLES = DOCS / "examples"
 def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
-    monkeypatch.setattr(sys, "path", [str(EXAMPLES), *sys.path])
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.setenv("PYTHONPATH", str(EXAMPLES))
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
 
 
-def run(example: str, *arguments: object) -> str:
-    """What an example prints, as a user runs it."""
+def run(*words: object) -> str:
+    """What a program prints, as a user runs it: what it registers goes with it."""
     result = subprocess.run(
-        [sys.executable, EXAMPLES / example, *map(str, arguments)],
+        [sys.executable, *map(str, words)],
         capture_output=True,
         text=True,
         timeout=100,
         check=False,
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
     )
     assert result.returncode == 0, result.stderr
     return result.stdout
@@ -48,25 +45,29 @@ def numbers(pattern: str, text: str) -> list[float]:
 
 
 def test_a_drive_is_solved_and_drawn() -> None:
-    text = run("solve_a_drive.py")
+    text = run(EXAMPLES / "solve_a_drive.py")
     dead_reckoning, filtered, smoothed = numbers(r"ATE ([\d.]+) m", text)
     assert smoothed <= filtered < dead_reckoning
     assert Path("drive.png").stat().st_size > 1000
 
 
 def test_tracks_of_your_own_are_solved() -> None:
-    dead_reckoning, estimate = numbers(r"off by ([\d.]+) m", run("tracks_of_your_own.py"))
+    dead_reckoning, estimate = numbers(
+        r"off by ([\d.]+) m", run(EXAMPLES / "tracks_of_your_own.py")
+    )
     assert estimate < 0.2 * dead_reckoning
 
 
 def test_an_estimator_of_your_own_is_better_than_none() -> None:
-    dead_reckoning, mine, robocentric = numbers(r"ATE ([\d.]+) m", run("my_estimator.py"))
+    dead_reckoning, mine, robocentric = numbers(
+        r"ATE ([\d.]+) m", run(EXAMPLES / "my_estimator.py")
+    )
     assert robocentric < mine < dead_reckoning
 
 
 def test_a_real_drive_is_solved_and_compared(shared_data: Path) -> None:
     reference = shared_data / "ground_truth" / "0020.tum"
-    text = run("solve_a_drive.py", shared_data / "0020.npz", reference)
+    text = run(EXAMPLES / "solve_a_drive.py", shared_data / "0020.npz", reference)
     assert "0020: 1104 frames" in text
     assert len(numbers(r"ATE ([\d.]+) m", text)) == 3
 
@@ -74,8 +75,8 @@ def test_a_real_drive_is_solved_and_compared(shared_data: Path) -> None:
 def test_an_estimator_of_your_own_solves_a_real_drive_by_its_name_on_the_command_line(
     shared_data: Path, tmp_path: Path
 ) -> None:
-    argv = ["solve", shared_data / "0020.npz", "--estimator", "my_estimator:MyEstimator"]
-    assert main([str(word) for word in (*argv, "--out", tmp_path / "results")]) == 0
+    solve = ("-m", "vislam_ros.cli.main", "solve", shared_data / "0020.npz", "--out", "results")
+    run(*solve, "--estimator", "my_estimator:MyEstimator")
     results = read_results(tmp_path / "results")
     assert results.summary["complete"]
     assert len(results.trajectory) == 1104
@@ -91,9 +92,8 @@ def test_the_snippets_of_the_page_run_one_after_the_other(tmp_path: Path) -> Non
     files = re.findall(r"```python\n# (\w+\.py)\n(.*?)```", page, flags=re.DOTALL)
     for name, text in files:
         (tmp_path / name).write_text(text)
-    main(["simulate", "drive.npz", "--steps", "60", "--landmarks", "300"])
+    assert main(["simulate", "drive.npz", "--steps", "60", "--landmarks", "300"]) == 0
     snippets = re.findall(r"```python\n(?!# \w+\.py)(.*?)```", page, flags=re.DOTALL)
     assert len(snippets) > 3
     (tmp_path / "page.py").write_text("\n".join(snippets))
-    sys.path.insert(0, str(tmp_path))
-    runpy.run_path(str(tmp_path / "page.py"))
+    run("page.py")
