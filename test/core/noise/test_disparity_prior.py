@@ -147,3 +147,11 @@ def test_a_posterior_of_three_standard_deviations_off_is_not_believed():
 def test_no_posterior_is_surer_than_a_tenth_of_the_measurements_variance():
     _, remaining = quartiles_at(6.99, 7.0, 7.01).posterior(np.full(1, 7.0), np.full(1, 2.0))
     assert remaining == pytest.approx(0.2)
+
+
+def test_it_learns_from_what_it_is_applied_to():
+    disparities, prior = scene(200)[1], DisparityPrior()
+    y = np.column_stack([500.0 + disparities, np.full(200, 500.0), np.full(200, 100.0)])
+    prior.apply(y, np.tile(np.eye(3), (200, 1, 1)))
+    assert middle_of(prior) == pytest.approx(middle_of(learned(disparities)))
+    assert middle_of(prior) < 7.9

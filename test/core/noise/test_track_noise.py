@@ -83,9 +83,9 @@ def test_errors_that_stay_are_offsets_and_leave_the_right_pixel_out() -> None:
     assert_array_equal(noise.components, [0, 2])
     y = np.array([[600.0, 590.0, 150.0]])
     (first,) = noise.of_new_tracks(y)
-    # All of the disparity's error is the offset: half a pixel and a fiftieth of ten.
-    assert_allclose(first[0, 0] - 2 * first[0, 1] + first[1, 1], 0.5**2 + 0.2**2)
-    assert_allclose(first[0, 0], noise.level)
+    # Left and right are off alike, but for the offset: half a pixel and a fiftieth of ten.
+    together = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.5]])
+    assert_allclose(first, noise.level * together + np.diag([0.0, 0.5**2 + 0.2**2, 0.0]))
     assert np.all(np.linalg.eigvalsh(first) > 0)
     assert_allclose(noise.expected(np.ones((1, 3)), y), [[1.0, 1.29, 1.0]])
     assert noise.gate(16.0) == 24.0
@@ -231,7 +231,7 @@ def stays(noise: TrackNoise, first: float, then: float, tracks: int) -> None:
     """Let the disparities of new tracks be off by this, and then by that."""
     noise.add(tracks)
     for error in (first, then):
-        update(noise, np.tile([error, 0.0, 0.0], (tracks, 1)))
+        update(noise, np.tile([0.5 * error, -0.5 * error, 0.0], (tracks, 1)))
     noise.remove(np.ones(tracks, dtype=bool))
 
 
