@@ -8,7 +8,7 @@ from rclpy.node import Node
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import StepTotals
-from vislam_ros.core.tracking.refusals import RefusedMessage
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import DEFAULT_FRAMES
 from vislam_ros.nodes import conversions
@@ -69,7 +69,7 @@ def test_a_message_that_lacks_a_number_is_refused(steps, change, words):
     values = {name: text for name, text in values.items() if text is not None}
     with pytest.raises(RefusedMessage, match=words) as refusal:
         row_from_values(values)
-    assert refusal.value.reason == "bad_fields"
+    assert refusal.value.refusal is Refusal.BAD_FIELDS
 
 
 def test_diagnostics_tell_what_the_steps_since_the_last_report_amount_to(report, steps):
