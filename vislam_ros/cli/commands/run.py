@@ -33,6 +33,7 @@ from vislam_ros.data.bags.reader import ReadingRules, check_readable
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.parameter_file import write_parameters
 from vislam_ros.data.files.whole_file import replace_file
+from vislam_ros.data.results.recording import map_patience
 from vislam_ros.data.results.summary import RunSummary, read_summary
 from vislam_ros.data.results.writer import pass_directories, refuse_used
 from vislam_ros.errors import VislamError
@@ -42,8 +43,8 @@ NODES = ("imu_prediction_node", "slam_node", "recorder_node")
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _POLL_SECONDS = 0.1
 _START_UP_SECONDS = 60.0
-# The exact map takes slam_node some milliseconds for each step of the drive.
-_SETTLING_SECONDS, _SETTLING_SECONDS_A_STEP = 90.0, 0.04
+# The recorder waits for the map and then says how the run ended: so much longer than it.
+_SETTLING_SECONDS = 30.0
 _PARTING_SECONDS = 30.0
 
 
@@ -217,7 +218,7 @@ def _watch(
             raise player.died()
         if player.exit_code == OK:
             player_ended = player_ended or time.monotonic()
-            patience = _SETTLING_SECONDS + _SETTLING_SECONDS_A_STEP * steps
+            patience = map_patience(steps) + _SETTLING_SECONDS
             if time.monotonic() - player_ended > patience:
                 raise VislamError(f"recorder_node did not come to its end in {patience:.0f} s")
         time.sleep(_POLL_SECONDS)

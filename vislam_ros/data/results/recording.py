@@ -19,7 +19,13 @@ from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.message_log import MessageLog
 from vislam_ros.data.results.writer import ResultWriter, pass_directory
 
-_MAP_SECONDS, _MAP_SECONDS_A_STEP = 60.0, 0.03
+
+def map_patience(steps: int) -> float:
+    """Seconds to wait for the map after so many steps: the way back over the drive takes some.
+
+    Who waits for a recording to end must wait longer (see cli.commands.run).
+    """
+    return 60.0 + 0.03 * steps
 
 
 @dataclass(frozen=True)
@@ -72,7 +78,7 @@ class _Pass:
     @property
     def map_patience(self) -> float:
         """Seconds to wait for the map of the last step: the way back over the drive takes some."""
-        return _MAP_SECONDS + _MAP_SECONDS_A_STEP * self.steps
+        return map_patience(self.steps)
 
     @property
     def has_final_map(self) -> bool:
