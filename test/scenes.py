@@ -9,7 +9,7 @@ from numerics import CAMERA, landmarks_ahead
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion import Increment, Part
 from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
@@ -50,7 +50,8 @@ def passing_scene(seed: int, steps: int = 25, born_each_step: int = 3, life: int
         step = se3.exp([0.3, 0, 0.01, 0.002, -0.004, 0.02])
         T.append(T[-1] @ step)
         noisy = step @ se3.exp(std * rng.standard_normal(6))
-        increments.append(Increment(noisy, 0.1, np.diag(std**2)))
+        part = Part(0.1, se3.log(noisy) / 0.1)
+        increments.append(Increment(noisy, 0.1, np.diag(std**2), (part,)))
     landmarks = np.concatenate([landmarks_ahead(rng, pose, born_each_step) for pose in T])
     born = np.repeat(np.arange(steps), born_each_step)
     frames = []

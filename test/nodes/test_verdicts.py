@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 import threadpoolctl
-from faults import FAULTS, FRAMES, HOPELESS, NO_STEP, K, from_on, move
+from faulty_bags import FAULTS, FRAMES, HOPELESS, NO_STEP, K, from_on, move
 from rclpy.serialization import serialize_message
 from rewriting import rewritten, unchanged
 

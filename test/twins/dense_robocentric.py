@@ -128,10 +128,12 @@ class DenseRobocentricFilter:
     def step(self, increment: Increment, frame: TrackedFrame) -> list[int]:
         """Take a frame; return the keys whose observations failed a gate."""
         self.marginalize([key for key in frame.ended.tolist() if key in self.place_of_key])
-        tau = increment.duration
-        if tau > 0:
-            self.frame_rate.add(tau)
-            twist, variances = self.measure_twist(se3.log(increment.T) / tau, tau)
+        if increment.duration > 0:
+            self.frame_rate.add(increment.duration)
+        for tau, measured in increment.parts:
+            twist, variances = self.walk(tau)
+            if measured is not None:
+                self.measure_twist(measured, tau)
             self.move(tau)
         keys = frame.keys.tolist()
         known = [i for i, key in enumerate(keys) if key in self.place_of_key]
@@ -139,10 +141,11 @@ class DenseRobocentricFilter:
         rejected = []
         if len(known) >= self.settings.min_observations:
             rejected = self.correct([keys[i] for i in known], frame.pixels[known])
-            if self.settings.learn_noise and tau > 0 and len(rejected) < len(known):
+            sampled = bool(increment.parts) and measured is not None
+            if self.settings.learn_noise and sampled and len(rejected) < len(known):
                 change = self.estimate[TWIST] - twist
                 H = self.twist_rows()
-                error = se3.log(increment.T) / tau - H @ self.estimate
+                error = np.asarray(measured) - H @ self.estimate
                 unexplained = error**2 + np.diag(H @ self.P @ H.T)
                 after = np.diag(self.P)[TWIST]
                 self.motion_noise.update(change, variances, after, unexplained, tau)
@@ -160,14 +163,17 @@ class DenseRobocentricFilter:
         """Best ``(u_left, u_right, v)`` (n, 3) of pixels (n, 4)."""
         return pixels @ np.linalg.inv(self.told_V) @ FOUR_ROWS @ self.image_point_noise(1.0)
 
-    def measure_twist(self, measured: Array, tau: float) -> tuple[Array, Array]:
-        """Return the twist and its variances before it is measured."""
+    def walk(self, tau: float) -> tuple[Array, Array]:
+        """Let twist and biases change; return the twist and its variances then."""
         settings = self.settings
-        self.motion_noise.add(measured)
         self.P[TWIST, TWIST] += tau * np.diag(self.motion_noise.walk_variance)
         self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
         self.P[DRIFT, DRIFT] += settings.velocity_bias_walk_std**2 * tau * np.eye(2)
-        before = self.estimate[TWIST].copy(), np.diag(self.P)[TWIST].copy()
+        return self.estimate[TWIST].copy(), np.diag(self.P)[TWIST].copy()
+
+    def measure_twist(self, measured: Array, tau: float) -> None:
+        settings = self.settings
+        self.motion_noise.add(measured)
         H = self.twist_rows()
         variances = self.motion_noise.twist_variance
         if settings.slip_std > 0:
@@ -179,7 +185,6 @@ class DenseRobocentricFilter:
             sway = np.cross(self.estimate[TWIST][3:], [settings.axle_distance, 0.0, 0.0])[1:]
             variances = np.append(variances, settings.slip_std**2 / tau + sway**2)
         self.update(H, np.diag(variances), measured - H @ self.estimate)
-        return before
 
     def twist_rows(self) -> Array:
         H = np.zeros((6, len(self.P)))

@@ -17,6 +17,22 @@ FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
 """Before the first motion nothing is known of the twist but that it is a vehicle's."""
 
 
+class Part(NamedTuple):
+    """A part of a step, over which the twist counts as constant.
+
+    Attributes
+    ----------
+    duration : float
+        Seconds.
+    measured : ndarray, (6,), or None
+        The sample of the twist that stands for this part, ``[v; omega]``; None where a sample is
+        missing or still to come.
+    """
+
+    duration: float
+    measured: Array | None
+
+
 @dataclass(frozen=True)
 class Increment:
     """Motion of the body between two stamps, as the prediction sees it.
@@ -29,11 +45,14 @@ class Increment:
         Seconds.
     covariance : ndarray, (6, 6)
         Covariance W of the error on the right of ``T``, ``[rho; theta]``.
+    parts : tuple of Part
+        The step, sample by sample of the twist.
     """
 
     T: Array
     duration: float
     covariance: Array
+    parts: tuple[Part, ...] = ()
 
     @property
     def transition(self) -> Array:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dense_robocentric import BIAS, DRIFT, LENS, TWIST, DenseRobocentricFilter
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scenes import STANDING, frame_of
 from tracked_drive import run, trying_drives
@@ -17,7 +18,7 @@ from vislam_ros.core.filters.robocentric import RobocentricFilter
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
-from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion import Increment, Part
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA
 
@@ -107,7 +108,8 @@ SECONDS = 0.1
 
 
 def increment(twist: Array) -> Increment:
-    return Increment(se3.exp(SECONDS * twist), SECONDS, np.zeros((6, 6)))
+    T = se3.exp(SECONDS * twist)
+    return Increment(T, SECONDS, np.zeros((6, 6)), (Part(SECONDS, twist),))
 
 
 def filter_that_sees(
@@ -125,8 +127,7 @@ def filter_that_sees(
         in_view = (seen[:, 2] > 0.1) & np.all((y > 0) & (y < [1242, 1242, 375]), axis=1)
         pixels = y[in_view][:, [0, 2, 1, 2]]
         pixels += pixel_rng.standard_normal(pixels.shape)
-        motion = increment(noisy) if k else dataclasses.replace(increment(noisy), duration=0.0)
-        filter_.step(motion, frame_of(keys[in_view], pixels))
+        filter_.step(increment(noisy) if k else STANDING, frame_of(keys[in_view], pixels))
         assert_sound(filter_)
     return filter_
 
@@ -343,3 +344,31 @@ def test_a_vehicle_that_nobody_sees_goes_where_it_points() -> None:
             filter_.step(increment(sideways), frame_of(np.arange(0), np.empty((0, 4))))
     assert abs(filters[0].twist[1]) < 0.15
     assert abs(filters[1].twist[1]) > 0.25
+
+
+def test_a_step_of_many_samples_is_as_many_steps_without_a_frame() -> None:
+    twists = np.array([[8.0, 0.1, 0.0, 0.01, 0.02, 0.3]]) + 0.01 * np.arange(7.0)[:, None]
+    nothing = frame_of(np.arange(0), np.empty((0, 4)))
+    points = far_points(8, 40.0)
+    one, many = (filter_that_sees(points, FORWARD, 5) for _ in range(2))
+    steps = [increment(twist) for twist in twists]
+    steps[3] = dataclasses.replace(steps[3], parts=(Part(SECONDS, None),))
+    for step in steps:
+        many.step(step, nothing)
+    parts = tuple(part for step in steps for part in step.parts)
+    one.step(Increment(np.eye(4), SECONDS, np.zeros((6, 6)), parts), nothing)
+    assert_allclose(one.T_world_body, many.T_world_body, atol=1e-12)
+    assert_allclose(one.covariance, many.covariance, rtol=1e-9, atol=1e-12)
+
+
+def test_without_a_sample_the_twist_goes_on_and_is_known_the_less_the_longer_it_takes() -> None:
+    filter_ = filter_that_sees(far_points(8, 40.0), FORWARD, 20)
+    before, std = filter_.twist, []
+    for _ in range(3):
+        filter_.step(
+            Increment(np.eye(4), SECONDS, np.zeros((6, 6)), (Part(SECONDS, None),)),
+            frame_of(np.arange(0), np.empty((0, 4))),
+        )
+        std.append(np.sqrt(np.diag(filter_.covariance)[TWIST]))
+    assert_allclose(filter_.twist, before)
+    assert np.all(np.diff(std, axis=0) > 0)

@@ -37,6 +37,29 @@ def test_several_samples_between_two_frames_add_up_their_noise() -> None:
     assert_allclose(increment.covariance, covariance, atol=1e-12)
 
 
+def test_each_sample_counts_once_at_its_own_stamp() -> None:
+    path = path_of(range(0, 6 * STEP, STEP))
+    (whole,) = path.increment(STEP, 2 * STEP).parts
+    assert whole.duration == 0.1
+    assert_allclose(whole.measured, TWIST)
+    for begin, end in ((STEP // 2, 7 * STEP // 2), (0, 4 * STEP), (STEP, 5 * STEP // 4)):
+        increment = path.increment(begin, end)
+        assert_allclose(sum(part.duration for part in increment.parts), increment.duration)
+        measured = [part.measured for part in increment.parts if part.measured is not None]
+        assert len(measured) == end // STEP - begin // STEP
+        for twist in measured:
+            assert_allclose(twist, TWIST, atol=1e-9)
+
+
+def test_where_samples_are_missing_the_next_one_stands_for_no_longer_than_usual() -> None:
+    path = path_of([0, STEP, 2 * STEP, 12 * STEP, 13 * STEP])
+    silent, late = path.increment(2 * STEP, 12 * STEP).parts
+    assert silent.measured is None
+    assert_allclose((silent.duration, late.duration), (0.9, 0.1))
+    assert [part.measured is None for part in path.increment(4 * STEP, 5 * STEP).parts] == [True]
+    assert [part.duration for part in path.increment(12 * STEP, 13 * STEP).parts] == [0.1]
+
+
 def test_a_lost_prediction_costs_only_process_noise() -> None:
     whole = path_of([0, STEP, 2 * STEP, 3 * STEP]).increment(0, 3 * STEP)
     gap = path_of([0, STEP, 3 * STEP]).increment(0, 3 * STEP)

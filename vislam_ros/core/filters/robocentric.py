@@ -26,7 +26,8 @@ These are the terms of the EKF (the report's eq. 25-36), as robocentric_model an
     h, H   of the twist: [v + b_v; omega + b_g], [0 I B 0 0]; of no slip: v_y and v_z
            of the image: y, [0 I]
 
-A step from stamp k - 1 to k, of tau seconds:
+A step from stamp k - 1 to k, of tau seconds; where it spans many samples of the twist, 2 to 4 are
+taken sample by sample, and where samples are missing, 3 is left out:
 
 1. Landmarks whose track has ended are marginalized, and enter the map where they have a position.
 2. The vehicle state takes a random step, ``P <- P + Q``: above all the twist u (white acceleration
@@ -181,19 +182,20 @@ class RobocentricFilter:
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
         """Take a step, in the order of the text above."""
-        tau, behind_camera = increment.duration, self.keys[:0]
+        behind_camera = self.keys[:0]
         self._marginalize(is_member(self.keys, frame.ended))
-        moved = tau > _SHORTEST_STEP
-        if moved:
-            self._frame_rate.add(tau)
-            measured = se3.log(increment.T) / tau
+        parts = [part for part in increment.parts if part.duration > _SHORTEST_STEP]
+        if parts:
+            self._frame_rate.add(increment.duration)
+        for tau, measured in parts:
             before = self._walk(tau)
-            self._measure_twist(measured, tau)
-            behind_camera = self._move(tau)
+            if measured is not None:
+                self._measure_twist(measured, tau)
+            behind_camera = np.concatenate([behind_camera, self._move(tau)])
         slots = indices_of(frame.keys, self.keys)
         known = slots >= 0
         outcome = self._correct(frame.keys[known], slots[known], frame.pixels[known])
-        if self._settings.learn_noise and moved and outcome.used:
+        if self._settings.learn_noise and parts and measured is not None and outcome.used:
             self._learn_motion_noise(*before, measured, tau)
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)

@@ -3,15 +3,20 @@
 """Pairs feature stamps with predicted poses and gives the motion between two of them."""
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.motion import Increment, process_covariance
+from vislam_ros.core.motion import Increment, Part, process_covariance
 from vislam_ros.core.settings import MotionSettings
 
 Array = NDArray[np.float64]
+
+# Samples of a sensor come as far apart as the two before, give or take; where it is more than this
+# many times as far, at least one is missing.
+_MISSING = 1.5
 
 
 class PredictedPath:
@@ -26,9 +31,15 @@ class PredictedPath:
         self._settings = settings
         self._stamps: list[int] = []
         self._poses: list[Array] = []
+        self._spans: list[int] = []  # for which the sample of a stamp stands [ns]
+        self._interval = 0
 
     def add(self, stamp: int, T_odom_body: Array) -> None:
         """Add a pose (4, 4) with a stamp (ns) later than all before."""
+        interval = stamp - self._stamps[-1] if self._stamps else 0
+        missing = interval > _MISSING * self._interval > 0
+        self._spans.append(self._interval if missing else interval)
+        self._interval = interval
         self._stamps.append(stamp)
         self._poses.append(T_odom_body)
 
@@ -50,7 +61,11 @@ class PredictedPath:
         return se3.interpolate(self._poses[after - 1], self._poses[after], fraction)
 
     def increment(self, begin: int, end: int) -> Increment:
-        """Motion between two stamps (ns) inside the path, with the noise of every twist in it."""
+        """Motion between two stamps (ns) inside the path, with the noise of every twist in it.
+
+        A sample of the twist counts once, at its own stamp, however many steps see the motion that
+        it gave the prediction: before that stamp nothing of it was measured.
+        """
         inner = range(bisect_right(self._stamps, begin), bisect_left(self._stamps, end))
         stamps = [begin, *(self._stamps[k] for k in inner), end]
         poses = [self.pose(stamp) for stamp in (begin, end)]
@@ -61,7 +76,20 @@ class PredictedPath:
             noise = self._noise(stamps[k], stamps[k + 1])
             covariance = transition @ covariance @ transition.T + noise
         T = se3.inverse(poses[0]) @ poses[-1]
-        return Increment(T, (end - begin) * 1e-9, covariance)
+        parts = [part for k in range(len(poses) - 1) for part in self._parts(stamps, poses, k)]
+        return Increment(T, (end - begin) * 1e-9, covariance, tuple(parts))
+
+    def _parts(self, stamps: Sequence[int], poses: Sequence[Array], k: int) -> Iterator[Part]:
+        """Yield the parts of a stretch between two neighbouring poses of a step."""
+        begin, end = stamps[k : k + 2]
+        after = bisect_left(self._stamps, end)
+        sampled = self._stamps[after] == end
+        span = min(self._spans[after], end - begin) if sampled else 0
+        if silent := end - begin - span:
+            yield Part(silent * 1e-9, None)
+        if span:
+            motion = se3.inverse(poses[k]) @ poses[k + 1]
+            yield Part(span * 1e-9, se3.log(motion) / ((end - begin) * 1e-9))
 
     def _noise(self, begin: int, end: int) -> Array:
         """Noise of a stretch that lies between two neighbouring poses."""
@@ -72,4 +100,4 @@ class PredictedPath:
     def forget_before(self, stamp: int) -> None:
         """Drop the poses that no stamp from this one (ns) on can need."""
         first = max(bisect_right(self._stamps, stamp) - 1, 0)
-        del self._stamps[:first], self._poses[:first]
+        del self._stamps[:first], self._poses[:first], self._spans[:first]

@@ -1,0 +1,50 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Holes in drives, and what they may cost."""
+
+import numpy as np
+import pytest
+from reliability.outages import KINDS, Outage, measure_outages, outages
+
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
+from vislam_ros.core.settings import PredictionSettings
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    settings = SimulationSettings(
+        steps=240, landmarks=1500, velocity_noise_std=0.5, angular_velocity_noise_std=0.05, seed=4
+    )
+    return simulate(settings).drive
+
+
+def test_an_outage_leaves_out_one_stream_for_its_time_and_nothing_else(drive: Drive) -> None:
+    for kind in KINDS:
+        outage = Outage(kind, 0.5, 2.0)
+        left, (begin, end) = outage.applied(drive), outage.span(drive)
+        for name, missing in (("twist_stamps", "twists"), ("feature_stamps", "features")):
+            stamps = getattr(drive, name)
+            hole = (stamps >= begin) & (stamps < end) & (kind == missing)
+            np.testing.assert_array_equal(getattr(left, name), stamps[~hole])
+            assert np.count_nonzero(hole) == (20 if kind == missing else 0)
+        last = left.frame(left.steps - 1)
+        np.testing.assert_array_equal(last[1], drive.frame(drive.steps - 1)[1])
+
+
+def test_places_are_spread_over_the_drive_for_each_kind_and_length() -> None:
+    holes = outages(3, [1.0, 2.0])
+    assert len(holes) == len(set(holes)) == 12
+    assert all(0.0 < hole.place < 0.9 for hole in holes)
+
+
+def test_across_an_outage_the_estimate_is_no_worse_than_what_is_left(drive: Drive) -> None:
+    reference = drive.ground_truth
+    assert reference is not None
+    tasks = outages(3, [1.0, 2.0])
+    settings = RobocentricSettings(), PredictionSettings()
+    rows = list(measure_outages(drive, reference, *settings, tasks))
+    assert {row.outage for row in rows} == set(tasks)
+    assert all(row.holds for row in rows), [row.as_dict() for row in rows if not row.holds]
+    assert max(row.nees_ratio for row in rows) < 3.0
