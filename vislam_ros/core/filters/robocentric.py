@@ -141,6 +141,7 @@ class RobocentricFilter:
             np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
             self._frame_rate,
         )
+        self._twist_variance = self._motion_noise.twist_variance
         self._track_noise = TrackNoise(
             np.diag(self._observation.image_point_noise).copy(),
             settings.disparity_offset_std,
@@ -242,9 +243,11 @@ class RobocentricFilter:
     def _measure_twist(self, measured: Array, tau: float) -> None:
         """Correct by the prediction's mean twist (6,) over tau seconds."""
         self._motion_noise.add(measured)
-        noise = self._motion_noise.twist_variance
+        self._twist_variance = self._motion_noise.twist_variance
         error = self._twist_error(measured)
-        correction = self._twist_measurement.correction(error, noise, self.twist, tau)
+        correction = self._twist_measurement.correction(
+            error, self._twist_variance, self.twist, tau
+        )
         self._shift(self._state.apply(correction).delta)
 
     def _twist_error(self, measured: Array) -> Array:
@@ -368,7 +371,7 @@ class RobocentricFilter:
         """What else is in the vehicle's state, and the noise as it is learned."""
         std = np.sqrt(np.maximum(self._state.vehicle_covariance.diagonal(), 0.0))
         pixel_variance = self._track_noise.level * sum(self._settings.pixel_variance) / 4
-        twist_noise_std = np.sqrt(self._motion_noise.twist_variance)
+        twist_noise_std = np.sqrt(self._twist_variance)
         walk_std = np.sqrt(self._motion_noise.walk_variance)
         return (
             Estimate(quantities.GYRO_BIAS, self.gyro_bias, std[GYRO_BIAS]),

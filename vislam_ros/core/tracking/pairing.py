@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pairs feature stamps with predicted poses and gives the motion between two of them."""
 
+import itertools
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,19 +77,24 @@ class PredictedPath:
             noise = self._noise(stamps[k], stamps[k + 1])
             covariance = transition @ covariance @ transition.T + noise
         T = se3.inverse(poses[0]) @ poses[-1]
-        parts = [part for k in range(len(poses) - 1) for part in self._parts(stamps, poses, k)]
+        motions = [T]
+        if len(poses) > 2:
+            motions = [se3.inverse(a) @ b for a, b in itertools.pairwise(poses)]
+        parts = [
+            part
+            for (a, b), motion in zip(itertools.pairwise(stamps), motions, strict=True)
+            for part in self._parts(a, b, motion)
+        ]
         return Increment(T, (end - begin) * 1e-9, covariance, tuple(parts))
 
-    def _parts(self, stamps: Sequence[int], poses: Sequence[Array], k: int) -> Iterator[Part]:
-        """Yield the parts of a stretch between two neighbouring poses of a step."""
-        begin, end = stamps[k : k + 2]
+    def _parts(self, begin: int, end: int, motion: Array) -> Iterator[Part]:
+        """Yield the parts of a stretch (ns) that lies between two neighbouring poses."""
         after = bisect_left(self._stamps, end)
         sampled = self._stamps[after] == end
         span = min(self._spans[after], end - begin) if sampled else 0
         if silent := end - begin - span:
             yield Part(silent * 1e-9, None)
         if span:
-            motion = se3.inverse(poses[k]) @ poses[k + 1]
             yield Part(span * 1e-9, se3.log(motion) / ((end - begin) * 1e-9))
 
     def _noise(self, begin: int, end: int) -> Array:
