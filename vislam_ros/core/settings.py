@@ -92,7 +92,8 @@ class SlamSettings(MotionSettings):
     estimator: str = setting("robocentric", "Which filter runs, or module:Class of your own")
     retire_after: int = setting(
         1,
-        "A landmark unseen for this many feature frames leaves the dense block and its track",
+        "A landmark unseen for this many feature frames, missing ones included, leaves the dense "
+        "block and its track",
         minimum=1,
     )
     rest_after_rejection: int = setting(

@@ -20,6 +20,7 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.motion import Increment, mean_twist
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_drive
 from vislam_ros.core.smoothing.tape import Tape
@@ -116,6 +117,7 @@ class Slam:
         self._tape = Tape() if self._record and smoothable else None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
+        self._frame_rate = FrameRate()
         self._tracks = Tracks(
             settings.retire_after,
             settings.frozen_share if settings.track_continuity else None,
@@ -276,7 +278,10 @@ class Slam:
         if self._estimator is None:
             self._estimator = self._new_estimator(camera)
         tracked = self._tracks.observe(
-            frame.ids, frame.pixels, lambda: self._motion_expected(camera, increment)
+            frame.ids,
+            frame.pixels,
+            lambda: self._motion_expected(camera, increment),
+            missed=self._frames_missed(increment),
         )
         outcome = self._estimator.step(increment, tracked)
         if self._given_map is None:
@@ -317,6 +322,13 @@ class Slam:
             camera, self._tape, self._given_map, lambda keys: tracks.identity(keys)[0]
         )
         return self._registration.made(self._settings, given)
+
+    def _frames_missed(self, increment: Increment) -> int:
+        """Frames that are missing before the one at the end of an increment."""
+        if not increment.duration:
+            return 0
+        self._frame_rate.add(increment.duration)
+        return self._frame_rate.missed(increment.duration)
 
     def _motion_expected(self, camera: StereoCamera, increment: Increment) -> bool:
         """Tell whether the predicted motion moves the last frame's pixels noticeably."""

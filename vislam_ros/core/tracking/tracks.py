@@ -7,8 +7,10 @@ the body moves (a frozen frame), it goes on from the stale pixels afterwards, so
 track stands for another point from then on. Such a track, one that was unseen for a while, and
 one whose observation was rejected, begins anew under the same id. The last one rests before: what
 slides over the scene goes on to do so, and each time that it began anew it would be believed for
-a frame or two. Each physical point gets a key of its own, counted from 0 in the order of first
-appearance; the filters know only keys.
+a frame or two. A frame that is missing has seen nothing: what comes after a hole is not read
+against the points from before it, of which those last longest that go along with the body. Each
+physical point gets a key of its own, counted from 0 in the order of first appearance; the
+filters know only keys.
 """
 
 from collections.abc import Callable
@@ -98,6 +100,7 @@ class Tracks:
         ids: NDArray[np.uint32],
         pixels: NDArray[np.float32],
         motion_expected: Callable[[], bool],
+        missed: int = 0,
     ) -> TrackedFrame:
         """Take a frame.
 
@@ -109,6 +112,8 @@ class Tracks:
         motion_expected : callable
             Tells whether the body moves so far that honest pixels would have changed; is asked
             only where many have not.
+        missed : int
+            Frames that are missing before this one: in them nothing was seen.
 
         Returns
         -------
@@ -120,6 +125,7 @@ class Tracks:
         if np.any(ids[1:] < ids[:-1]):
             order = np.argsort(ids)
             ids, pixels = ids[order], pixels[order]
+        ended_before = self._miss(missed)
         keys, copied, in_last_frame, found, rest = _continued(
             ids, pixels, self._ids, self._keys, self._pixels, self._unseen, self._rest
         )
@@ -130,7 +136,7 @@ class Tracks:
         )
         if not frozen:
             copied[:] = False
-        ended = [keys[copied]]
+        ended = [keys[copied], ended_before]
         # A copied track stands for another point now, so it rests no longer.
         fresh = ((keys == NO_KEY) & (rest == 0)) | copied
         keys[fresh] = self._new_keys(ids[fresh])
@@ -149,6 +155,15 @@ class Tracks:
             copied=copied[by_key],
             frozen=frozen,
         )
+
+    def _miss(self, missed: int) -> Keys:
+        """Let frames pass in which nothing is seen; return the points that end with them."""
+        self._unseen += missed
+        self._rest = np.maximum(self._rest - missed, 0)
+        lost = self._unseen >= self._retire_after
+        ended: Keys = self._keys[lost]
+        self._keys[lost] = NO_KEY
+        return ended
 
     def restart(self, keys: Keys, *, rest: bool) -> None:
         """End points whose observation was rejected; their ids may rest before they go on."""
