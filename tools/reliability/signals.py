@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from reliability.witness import READY
-
 from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.data.results.reader import read_results
@@ -237,7 +236,10 @@ def _send(trial: Trial, run: Run, witness: Witness, frames: int) -> float:
     end = time.monotonic() + _WAIT
     pid = None
     while time.monotonic() < end and run.process.poll() is None:
-        pid = pid or run.pids().get(trial.target)
+        if pid is None:
+            pids = run.pids()
+            # By then it runs its children.
+            pid = pids.get(trial.target) if "player" in pids else None
         if pid and len(witness.stamps) >= trial.moment * frames:
             with suppress(ProcessLookupError):
                 os.kill(pid, trial.number)

@@ -250,7 +250,9 @@ class RecorderNode(Node):
         if self.monitor.inputs != self._last_input[0]:
             self._last_input = self.monitor.inputs, now
         told_for, quiet_for = now - self._told_to_end_at, now - self._last_input[1]
-        enough = QUIET_SECONDS if told_for < LINGERING_SECONDS else _PAUSE_SECONDS
+        names = (self.resolve_topic_name(topic.name) for topic in (ODOMETRY, PREDICTION))
+        more_may_come = told_for < LINGERING_SECONDS and any(map(self.count_publishers, names))
+        enough = QUIET_SECONDS if more_may_come else _PAUSE_SECONDS
         return self.recording.finished or quiet_for >= enough or told_for > _LONGEST_SECONDS
 
     def _stopped(self) -> str:

@@ -294,8 +294,11 @@ def _end_summaries(
         for directory, summary in _summaries(results)
     ]
     if error is not None and ended and not ended[-1][1]["complete"]:
+        directory, newest = ended[-1]
+        if not _is_settled(newest):  # a killed recorder: its rows are there, and its count is old
+            newest["steps"] = _count_poses(directory)
         reason = _INTERRUPTED if isinstance(error, KeyboardInterrupt) else str(error)
-        ended[-1][1]["incomplete_reason"] = reason
+        newest["incomplete_reason"] = reason
     for directory, summary in ended:
         content = json.dumps(summary, indent=2) + "\n"
         try:
@@ -304,6 +307,13 @@ def _end_summaries(
             if error is None:
                 raise
     return [(directory, summary) for directory, summary in ended]
+
+
+def _count_poses(directory: Path) -> int:
+    try:
+        return len((directory / "trajectory.tum").read_bytes().splitlines())
+    except OSError:
+        return 0
 
 
 def _draw(directory: Path) -> None:
