@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +43,7 @@ _POLL = 0.002
 # Of a run that was stopped itself: how long.
 _STOP_SECONDS = 1.0
 _ARRIVAL_SECONDS = 0.3
+_SOON_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,17 @@ class Outcome:
         if self.trial.number == signal.SIGKILL:
             return self.code == -signal.SIGKILL
         return self.code == INTERRUPTED and self.last_line.startswith("interrupted")
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is named, nothing is left or lost, and it ended soon enough.
+
+        A recorder that is killed outright loses what it had not taken yet.
+        """
+        is_killed = (self.trial.target, self.trial.number) == ("recorder_node", signal.SIGKILL)
+        in_time = not self.ended_s > _SOON_SECONDS
+        whole = not self.fault and (is_killed or not self.lost)
+        return self.is_named and whole and not self.left and in_time
 
 
 def trials(rates: Sequence[float], moments: int, few: int) -> list[Trial]:
@@ -185,14 +197,6 @@ class Run:
                     names = [name for name, word in TARGETS.items() if word in words]
                     found[names[0] if names else folder.name] = int(folder.name)
         return found
-
-
-def measure_signals(
-    data: Path, frames: int, scratch: Path, planned: Sequence[Trial]
-) -> Iterator[Outcome]:
-    """Run a drive of so many frames for each trial."""
-    for trial in planned:
-        yield measure(data, frames, scratch / "run", trial)
 
 
 def measure(data: Path, frames: int, out: Path, trial: Trial) -> Outcome:

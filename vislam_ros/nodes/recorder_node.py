@@ -256,6 +256,8 @@ class RecorderNode(Node):
         return self.recording.finished or quiet_for >= enough or told_for > _LONGEST_SECONDS
 
     def _stopped(self) -> str:
+        if self._told_to_end_at is None:
+            return "the recorder could not go on"
         return f"{STOPPED} while the player was {self._player[0]}"
 
     def destroy_node(self) -> None:
