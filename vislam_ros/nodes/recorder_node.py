@@ -46,6 +46,7 @@ from vislam_ros.nodes.parameters import (
 from vislam_ros.nodes.settings import RecorderSettings
 from vislam_ros.nodes.slam_report import row_from_values
 from vislam_ros.nodes.spin import run
+from vislam_ros.nodes.steady import steady_timer
 
 GRACE_SECONDS = 5.0
 """How long the recorder waits without progress for what the player has sent."""
@@ -65,7 +66,6 @@ class RecorderNode(Node):
     def __init__(self, **options: Any):
         super().__init__("recorder_node", **options)
         settings = declare_settings(self, RecorderSettings)
-        warn_of_undeclared_overrides(self)
         if not settings.directory:
             raise SettingsError("directory: is not set: give the result directory to write")
         self.recording = Recording(
@@ -79,7 +79,7 @@ class RecorderNode(Node):
         self._map_asked_for: int | None = None
         self._pairs = StampPairs(self._refuse_unpaired)
         own = {field.name: getattr(settings, field.name) for field in fields(RecorderSettings)}
-        self._parameters: dict[str, dict[str, Any]] = {"recorder_node": own}
+        self._parameters_of: dict[str, dict[str, Any]] = {"recorder_node": own}
         self._map_client = self.create_client(Trigger, "slam_node/publish_landmarks")
         self.monitor = Monitor(self, self._describe)
         on_parameters = self.monitor.guard("parameters", self._on_parameters)
@@ -92,7 +92,8 @@ class RecorderNode(Node):
         self._record(PLAYER, self.on_player)
         self._record(DIAGNOSTICS, self.on_diagnostics)
         self.monitor.serve("~/flush", self.flush)
-        self.create_timer(_TICK_SECONDS, self.monitor.guard("timer", self.on_tick))
+        warn_of_undeclared_overrides(self)
+        steady_timer(self, _TICK_SECONDS, self.monitor.guard("timer", self.on_tick))
 
     def _record(self, topic: Topic, callback: Callable[[Any, Raw], None]) -> None:
         """Subscribe, keeping the messages' bytes as they came."""
@@ -209,9 +210,9 @@ class RecorderNode(Node):
         return None if self.recording.has_final_map else "the landmark map did not arrive"
 
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
-        self._parameters[node] = values
+        self._parameters_of[node] = values
         if not self.recording.finished:
-            self.recording.set_parameters(dict(sorted(self._parameters.items())))
+            self.recording.set_parameters(dict(sorted(self._parameters_of.items())))
 
     def flush(self) -> str:
         """Bring all files up to date."""

@@ -30,7 +30,12 @@ from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor
-from vislam_ros.nodes.parameters import declare_settings, declare_slam_settings
+from vislam_ros.nodes.parameters import (
+    declare_settings,
+    declare_slam_settings,
+    estimator_overrides,
+    warn_of_undeclared_overrides,
+)
 from vislam_ros.nodes.settings import SlamNodeSettings, SlamOutputSettings
 from vislam_ros.nodes.slam_report import SlamReport, step_values
 from vislam_ros.nodes.spin import run
@@ -76,6 +81,7 @@ class SlamNode(Node):
         self.monitor.subscribe(layout.FEATURES, self.on_features)
         self.monitor.serve("~/reset", self.reset)
         self.monitor.serve("~/publish_landmarks", self.publish_landmarks)
+        warn_of_undeclared_overrides(self, known=estimator_overrides(self))
 
     def on_calibration(self, topic: Topic, message: CameraInfo | TransformStamped) -> None:
         """Take a camera info or the extrinsics."""

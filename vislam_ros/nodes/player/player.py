@@ -35,6 +35,7 @@ from vislam_ros.nodes.player.clock import PlaybackClock
 from vislam_ros.nodes.player.graph import GraphWatch
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
 from vislam_ros.nodes.player.window import FeatureWindow
+from vislam_ros.nodes.steady import steady_timer
 from vislam_ros.nodes.topics import LATCHED, STREAM, message_class
 
 Progress = Callable[[float], None]
@@ -80,10 +81,10 @@ class Player(Node):
         self._began = 0.0
         self._sent: Counter[str] = Counter()
         self._status = self.create_publisher(DiagnosticArray, PLAYER.name, LATCHED)
-        self.create_timer(_STATUS_PERIOD, self.publish_status)
+        steady_timer(self, _STATUS_PERIOD, self.publish_status)
         if options.clock_rate > 0.0:
             self._ros_clock = self.create_publisher(Clock, CLOCK.name, STREAM)
-            self.create_timer(1.0 / options.clock_rate, self._publish_clock)
+            steady_timer(self, 1.0 / options.clock_rate, self._publish_clock)
         self._odometry = self.create_subscription(
             Odometry, ODOMETRY.name, self._on_odometry, STREAM
         )
