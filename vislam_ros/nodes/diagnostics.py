@@ -25,7 +25,7 @@ from vislam_ros.core.tracking.refusals import (
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import DIAGNOSTICS, Topic
 from vislam_ros.data.trajectory import stamp_text
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import OutputError, VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.steady import steady_timer
 from vislam_ros.nodes.subscribing import MatchingSubscription, qos_overrides
@@ -39,6 +39,8 @@ _CHECK_PERIOD = 0.2
 
 class Monitor:
     """Keeps a node alive whatever it is sent, and says on /diagnostics what that was.
+
+    Only an :class:`OutputError` goes through: a node that cannot write any more has to end.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ class Monitor:
         self._last_report = time.monotonic()
         self._last_received = self._received.copy()
         self._last_refused = 0
-        self._seen = 0
+        self._seen = self._reported_inputs = 0
         self._outputs: dict[str, Publisher] = {}
         self._subscribers: dict[str, int] = {}
         self._inputs: dict[str, MatchingSubscription] = {}
@@ -77,6 +79,11 @@ class Monitor:
             qos_profile(topic.qos),
             qos_overriding_options=qos_overrides(),
         )
+
+    @property
+    def inputs(self) -> int:
+        """Messages that came, without the nodes' reports, which would give rise to others."""
+        return self._received.total() - self._received[DIAGNOSTICS.name]
 
     def advertise(self, topic: Topic) -> Publisher:
         """Create a publisher whose number of subscribers is reported as soon as it changes."""
@@ -113,6 +120,8 @@ class Monitor:
         except RefusedMessage as error:
             stamp = decoding.stamp_if_known(message)
             self.refuse(error.refusal, str(error), topic.stream, stamp)
+        except OutputError:
+            raise
         except Exception as error:
             self._fail(topic.name, error)
 
@@ -122,6 +131,8 @@ class Monitor:
         def guarded(*arguments: Any) -> None:
             try:
                 callback(*arguments)
+            except OutputError:
+                raise
             except Exception as error:
                 self._fail(name, error)
 
@@ -139,6 +150,8 @@ class Monitor:
         def on_request(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
                 response.message, response.success = handler(), True
+            except OutputError:
+                raise
             except VislamError as error:
                 response.message, response.success = str(error), False
             except Exception as error:
@@ -190,9 +203,8 @@ class Monitor:
     def _check(self) -> None:
         self._look()
         # What came up to a pause is told at once: somebody may be waiting for the last of it.
-        received = _inputs(self._received)
-        pauses = _inputs(self._last_received) != received == self._seen
-        self._seen = received
+        pauses = self._reported_inputs != self.inputs == self._seen
+        self._seen = self.inputs
         elapsed = time.monotonic() - self._last_report
         if elapsed >= PERIOD or pauses or self._count_subscribers() != self._subscribers:
             self.report()
@@ -244,11 +256,7 @@ class Monitor:
         self.publish(self._publisher, conversions.status_array(stamp, [status]))
         self._last_report, self._last_refused = now, total
         self._last_received = self._received.copy()
-
-
-def _inputs(received: Counter[str]) -> int:
-    """Messages that came, without the nodes' reports, which would give rise to others."""
-    return received.total() - received[DIAGNOSTICS.name]
+        self._reported_inputs = self.inputs
 
 
 def _decoded(topic: Topic, data: bytes) -> Any:

@@ -34,7 +34,7 @@ from vislam_ros.data.bags.layout import (
     Topic,
 )
 from vislam_ros.data.results.completeness import Ledger, NodeReport, counts_from_values
-from vislam_ros.data.results.recording import Pose, Raw, Recording
+from vislam_ros.data.results.recording import STOPPED, Pose, Raw, Recording
 from vislam_ros.errors import SettingsError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor
@@ -54,10 +54,18 @@ GRACE_SECONDS = 5.0
 ANSWER_SECONDS = 5.0
 """How long it waits for the nodes' parameters, and for the map where nobody offers one."""
 
+QUIET_SECONDS = 0.2
+"""How long nothing must have come before a recorder that is told to end closes its files."""
+
+LINGERING_SECONDS = 1.0
+"""How long it waits for that; after it, any pause will do."""
+
 QUERIED = ("imu_prediction_node", "slam_node")
 """Nodes whose parameters go into ``params.yaml``."""
 
 _TICK_SECONDS = 0.2
+_PAUSE_SECONDS = 0.005
+_LONGEST_SECONDS = 5.0
 
 
 class RecorderNode(Node):
@@ -77,6 +85,8 @@ class RecorderNode(Node):
         self._last_progress = time.monotonic()
         self._waiting_since: float | None = None
         self._map_asked_for: int | None = None
+        self._told_to_end_at: float | None = None
+        self._last_input = (0, 0.0)  # how many there were, and when that was seen
         self._pairs = StampPairs(self._refuse_unpaired)
         own = {field.name: getattr(settings, field.name) for field in fields(RecorderSettings)}
         self._parameters_of: dict[str, dict[str, Any]] = {"recorder_node": own}
@@ -228,11 +238,31 @@ class RecorderNode(Node):
             "directory": str(self.recording.directory),
         }
 
+    def wind_up(self) -> bool:
+        """Take what is on its way, and tell whether nothing is any more.
+
+        The recorder says at once that it is to end, so that whoever sends may end before it.
+        """
+        now = time.monotonic()
+        if self._told_to_end_at is None:
+            self._told_to_end_at = now
+            self.recording.announce_end(self._stopped())
+            self._last_input = self.monitor.inputs, now
+        if self.monitor.inputs != self._last_input[0]:
+            self._last_input = self.monitor.inputs, now
+        told_for, quiet_for = now - self._told_to_end_at, now - self._last_input[1]
+        enough = QUIET_SECONDS if told_for < LINGERING_SECONDS else _PAUSE_SECONDS
+        return self.recording.finished or quiet_for >= enough or told_for > _LONGEST_SECONDS
+
+    def _stopped(self) -> str:
+        return f"{STOPPED} while the player was {self._player[0]}"
+
     def destroy_node(self) -> None:
         """Close the files; a run that has not ended is marked as incomplete."""
-        reason = f"the recorder was stopped while the player was {self._player[0]}"
-        self.recording.finish(complete=False, reason=reason)
-        super().destroy_node()
+        try:
+            self.recording.finish(complete=False, reason=self._stopped())
+        finally:
+            super().destroy_node()
 
 
 def main(args: list[str] | None = None) -> int:

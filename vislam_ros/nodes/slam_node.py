@@ -66,6 +66,7 @@ class SlamNode(Node):
         self._received_at: dict[int, float] = {}
         self._last_stamp: int | None = None
         self._landmarks_published: tuple[int, float] | None = None  # data stamp, clock
+        self._published_stamp: int | None = None
         self._path: deque[Any] = deque(maxlen=self._output.path_length)
         self._report = SlamReport(self, self.core)
         self.monitor = Monitor(self, self._describe)
@@ -177,6 +178,7 @@ class SlamNode(Node):
         message = conversions.landmarks_to_message(stamp, self._settings.map_frame, landmarks)
         self.monitor.publish(self._landmarks, message)
         self._landmarks_published = (stamp, time.monotonic())
+        self._published_stamp = stamp
 
     def _publish_path(self, stamp: int) -> None:
         if self._output.path_length and self._paths.get_subscription_count():
@@ -202,6 +204,12 @@ class SlamNode(Node):
         self._publish_path(self._last_stamp)
         self.monitor.report()
         return f"{len(landmarks)} landmarks"
+
+    def wind_up(self) -> bool:
+        """Leave the map as it stands, which nobody can ask for any more."""
+        if self._last_stamp is not None and self._published_stamp != self._last_stamp:
+            self._publish_landmarks(self._last_stamp, self.core.landmarks())
+        return True
 
     def _change_output(self, output: SlamOutputSettings) -> None:
         self._output = output

@@ -4,24 +4,44 @@
 
 import signal
 import sys
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
+from typing import Protocol, runtime_checkable
 
 import rclpy
 import rclpy.logging
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.node import Node
-from rclpy.utilities import ok, try_shutdown
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
 from vislam_ros.errors import VislamError
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# How soon a signal is noticed where nothing else happens.
+_POLL_SECONDS = 0.05
+_ARRIVAL_SECONDS = 0.5
+
+
+@runtime_checkable
+class WindsUp(Protocol):
+    """A node that has something to do when it is told to end."""
+
+    def wind_up(self) -> bool:
+        """Tell whether the node may end; it is spun, and asked again, until it may."""
 
 
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Make a node and spin it until SIGINT or SIGTERM.
 
-    The first SIGINT lets the callback at work finish; further ones do nothing. A node that has
-    files or threads to finish does so in ``destroy_node``.
+    The first signal lets the callback at work finish; further ones do nothing. Then a node that
+    :class:`WindsUp` does so, and what any node has published gets half a second to arrive. A node
+    that has files or threads to finish does so in ``destroy_node``.
 
     Parameters
     ----------
@@ -32,56 +52,64 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     Returns
     -------
     int
-        0 after a signal, 1 where the node could not start or not finish its files.
+        0 after a signal, 1 where the node could not start or could not go on.
     """
-    interrupted = initialized = False
+    told_to_end = False
 
-    def on_interrupt(_signal: int, _frame: FrameType | None) -> None:
-        # rclpy's handler runs first and shuts the context down, which ends the spinning.
-        nonlocal interrupted
-        interrupted = True
+    def on_signal(_signal: int, _frame: FrameType | None) -> None:
+        # rclpy's own handler would shut the context down with all that still waits in it.
+        nonlocal told_to_end
+        told_to_end = True
 
-    signal.signal(signal.SIGINT, on_interrupt)
+    for number in _SIGNALS:
+        signal.signal(number, on_signal)
     try:
-        try:
-            _init(args)
-            initialized = True
-            node = make_node()
-        except Exception:
-            if interrupted or (initialized and not ok()):
-                return 0  # the context went away while the node was being made
-            raise
-        _spin(node)
+        _init(args)
+        _spin(make_node(), lambda: told_to_end)
     except (VislamError, RuntimeError) as error:
-        print(f"error: {_reason(error)}", file=sys.stderr)
+        with suppress(OSError):  # nobody may be left to hear it
+            print(f"error: {_reason(error)}", file=sys.stderr)
         return 1
     finally:
         try_shutdown()
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 
 def _init(args: list[str] | None) -> None:
     """Initialise ROS, whose own lines about bad arguments would stand beside ours."""
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.FATAL)
-    rclpy.init(args=args)
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
-def _spin(node: Node) -> None:
+def _spin(node: Node, is_told_to_end: Callable[[], bool]) -> None:
     executor = SingleThreadedExecutor()
     try:
         executor.add_node(node)
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except RuntimeError:
-        # A signal may shut the context down between any two calls of the executor.
-        if ok():
-            raise
-    finally:
+        # A signal does not end the executor's wait, and the node's own clock may stand still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(_POLL_SECONDS, lambda: None, clock=steady)
+        while not is_told_to_end():
+            executor.spin_once()
+        while isinstance(node, WindsUp) and not node.wind_up():
+            executor.spin_once()
+        _let_arrive(node)
+    except BaseException:
         executor.shutdown()
-        node.destroy_node()
+        with suppress(VislamError):  # the error at hand came first
+            node.destroy_node()
+        raise
+    executor.shutdown()
+    node.destroy_node()
+
+
+def _let_arrive(node: Node) -> None:
+    """Wait until the subscribers have what was published, but not long: one may be dead."""
+    end = time.monotonic() + _ARRIVAL_SECONDS
+    for publisher in node.publishers:
+        publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
 
 def _reason(error: Exception) -> str:
