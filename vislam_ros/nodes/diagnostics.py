@@ -269,3 +269,12 @@ def _decoded(topic: Topic, data: bytes) -> Any:
 def stamp_age(node: Node, stamp: int) -> float:
     """Seconds by which the node's clock is ahead of a stamp (ns)."""
     return (node.get_clock().now().nanoseconds - stamp) * 1e-9
+
+
+def neighbour(node: Node, name: str) -> str | None:
+    """Name of a node that reports as ``name`` where it is in the same namespace as another.
+
+    /diagnostics is one for all robots; None stands for a node of another one.
+    """
+    namespace, _, own = name.rpartition("/")
+    return own if namespace == node.get_namespace().rstrip("/") else None

@@ -19,7 +19,6 @@ from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.message_log import MessageLog
 from vislam_ros.data.results.writer import ResultWriter, pass_directory
 
-
 #: How the reason begins why a run is incomplete whose recorder was told to end.
 STOPPED = "the recorder was stopped"
 

@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from vislam_ros.data.bags.layout import DIAGNOSTICS, FEATURES, ODOMETRY, PREDICTION, STEPS
 from vislam_ros.data.results.completeness import NodeReport
+from vislam_ros.nodes.diagnostics import neighbour
 from vislam_ros.nodes.topics import STREAM
 
 #: Topics between the nodes, and which nodes must hear them.
@@ -51,10 +52,13 @@ class GraphWatch:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            name = neighbour(self._node, status.name)
+            if name is None:
+                continue
             for entry in status.values:
                 if entry.key.startswith(_KEY):
                     self._found[entry.key.removeprefix(_KEY)] = int(entry.value)
-            if status.name.rpartition("/")[2] == "slam_node":
+            if name == "slam_node":
                 report = NodeReport.of_values({entry.key: entry.value for entry in status.values})
                 self._taken = report.received.get(FEATURES.name, 0)
                 self._on_frames(self._taken - self._taken_before, report.waiting)
