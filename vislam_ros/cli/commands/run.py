@@ -13,11 +13,12 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.ending import PassResults, print_passes, require_complete
@@ -33,15 +34,19 @@ from vislam_ros.data.bags.reader import ReadingRules, check_readable
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.parameter_file import write_parameters
 from vislam_ros.data.files.whole_file import replace_file
-from vislam_ros.data.results.recording import map_patience
+from vislam_ros.data.results.recording import STOPPED, map_patience
 from vislam_ros.data.results.summary import RunSummary, read_summary
 from vislam_ros.data.results.writer import pass_directories, refuse_used
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import OutputError, VislamError
 
 NODES = ("imu_prediction_node", "slam_node", "recorder_node")
 
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
-_POLL_SECONDS = 0.1
+_INTERRUPTED = "the run was interrupted"
+_POLL_SECONDS = 0.02
+_SUMMARY_SECONDS = 0.1
+# Long enough to stop a process and let it go on by hand; the whole run ends within 2 s.
+_STOPPED_SECONDS = 1.0
 _START_UP_SECONDS = 60.0
 # The recorder waits for the map and then says how the run ended: so much longer than it.
 _SETTLING_SECONDS = 30.0
@@ -63,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
             _run_graph(bag, results, parameters, arguments.rate, Path(scratch))
         except (KeyboardInterrupt, VislamError) as caught:
             error = caught
-        passes = _end_summaries(results, started, arguments.data.stem)
+        passes = _end_summaries(results, started, arguments.data.stem, error)
     print_passes(passes)
     if isinstance(error, KeyboardInterrupt):
         print(f"interrupted: what there is stands in {results}", file=sys.stderr)
@@ -140,35 +145,36 @@ def _run_graph(
     write_parameters(params_file, {node: values for node, values in given.items() if values})
     frames = _count_frames(bag)
     with _ros_environment(results / "log") as environment:
+        _say_how_to_join(environment)
         children = Children(environment, results / "log")
+        recorder_node: Child | None = None
         try:
-            nodes = [
-                children.start(
-                    name,
-                    f"vislam_ros.nodes.{name}",
-                    ["--ros-args", "--params-file", str(params_file)],
+            with _suspending(children):
+                nodes = [
+                    children.start(
+                        name,
+                        f"vislam_ros.nodes.{name}",
+                        ["--ros-args", "--params-file", str(params_file)],
+                    )
+                    for name in NODES
+                ]
+                recorder_node = nodes[-1]
+                player = children.start(
+                    "player",
+                    "vislam_ros.cli.main",
+                    [
+                        "play",
+                        str(bag),
+                        "--whole-graph",
+                        f"--wait={_START_UP_SECONDS}",
+                        f"--rate={rate}",
+                    ],
                 )
-                for name in NODES
-            ]
-            player = children.start(
-                "player",
-                "vislam_ros.cli.main",
-                [
-                    "play",
-                    str(bag),
-                    "--whole-graph",
-                    f"--wait={_START_UP_SECONDS}",
-                    f"--rate={rate}",
-                ],
-            )
-            with progress_bar("running", frames) as update:
-                _watch(nodes, player, results, update)
-        except (KeyboardInterrupt, VislamError):
-            _ignore_interrupts()
-            _part(children, results)
-            raise
+                with progress_bar("running", frames) as update:
+                    _watch(nodes, player, results, update)
         finally:
-            children.end()
+            _ignore_interrupts()
+            children.end(writer=recorder_node)
 
 
 def _count_frames(bag: Path) -> int:
@@ -192,46 +198,75 @@ def _ros_environment(log_folder: Path) -> Iterator[dict[str, str]]:
         yield {**environment, "ROS_DOMAIN_ID": str(domain)}
 
 
+def _say_how_to_join(environment: Mapping[str, str]) -> None:
+    names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+    settings = " ".join(f"{name}={environment[name]}" for name in names)
+    print(f"to join this run: {settings} ros2 topic list", file=sys.stderr)
+
+
+@contextmanager
+def _suspending(children: Children) -> Iterator[None]:
+    """Let Ctrl-Z stop the children too, which are in no terminal, and ``fg`` let them go on."""
+
+    def suspend(_signal: int, _frame: FrameType | None) -> None:
+        children.send(signal.SIGSTOP)
+        signal.signal(signal.SIGTSTP, before)
+        signal.raise_signal(signal.SIGTSTP)  # returns when this process goes on
+        signal.signal(signal.SIGTSTP, suspend)
+        children.send(signal.SIGCONT)
+
+    before = signal.signal(signal.SIGTSTP, suspend)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTSTP, before)
+
+
 def _watch(
     nodes: list[Child], player: Child, results: Path, update: Callable[[float, str], None]
 ) -> None:
     """Wait until the recorder says how the run ended, with its last pass.
 
+    Times are counted in looks at the processes, so that a run which was stopped as a whole goes on
+    as if nothing had been.
+
     Raises
     ------
     VislamError
-        Where a process ends before its time or the recorder does not come to its end.
+        Where a process ends before its time, stands still, or the recorder does not come to its
+        end.
     """
-    player_ended: float | None = None
+    stopped: Counter[str] = Counter()
+    looks = looks_since_the_player = 0
+    summaries: list[PassResults] = []
     while True:
-        summaries = _summaries(results)
-        steps = sum(summary["steps"] for _, summary in summaries)
-        if summaries:
-            update(steps, f"{summaries[-1][1]['landmarks'] or 0} landmarks")
-        if _is_settled(summaries):
-            player.wait(_PARTING_SECONDS)
-            return
         for child in nodes:
             if child.exit_code is not None:
                 raise child.died()
         if player.exit_code not in (None, OK):
             raise player.died()
-        if player.exit_code == OK:
-            player_ended = player_ended or time.monotonic()
+        for child in (*nodes, player):
+            stopped[child.name] = stopped[child.name] + 1 if child.is_stopped else 0
+            if stopped[child.name] * _POLL_SECONDS > _STOPPED_SECONDS:
+                raise VislamError(
+                    f"{child.name} was stopped by a signal and did not go on ({child.log})"
+                )
+        if looks * _POLL_SECONDS >= _SUMMARY_SECONDS:
+            looks = 0
+            summaries = _summaries(results)
+        if summaries and not looks:
+            steps, newest = sum(summary["steps"] for _, summary in summaries), summaries[-1][1]
+            update(steps, f"{newest['landmarks'] or 0} landmarks")
+            if str(newest["incomplete_reason"]).startswith(STOPPED):
+                raise VislamError("recorder_node was told to end")
+            if _is_settled(newest):
+                player.wait(_PARTING_SECONDS)
+                return
             patience = map_patience(steps) + _SETTLING_SECONDS
-            if time.monotonic() - player_ended > patience:
+            if looks_since_the_player * _POLL_SECONDS > patience:
                 raise VislamError(f"recorder_node did not come to its end in {patience:.0f} s")
-        time.sleep(_POLL_SECONDS)
-
-
-def _part(children: Children, results: Path) -> None:
-    """Let the player say good-bye and the recorder hear it, if they are at work at all."""
-    summaries = _summaries(results)
-    if not (summaries and summaries[0][1]["steps"] and children.all_alive()):
-        return
-    children.last.ask_to_end()
-    end = time.monotonic() + _PARTING_SECONDS
-    while time.monotonic() < end and not _is_settled(_summaries(results)):
+        looks += 1
+        looks_since_the_player += player.exit_code == OK
         time.sleep(_POLL_SECONDS)
 
 
@@ -244,25 +279,31 @@ def _summaries(results: Path) -> list[PassResults]:
     return summaries
 
 
-def _is_settled(summaries: list[PassResults]) -> bool:
+def _is_settled(newest: Mapping[str, Any]) -> bool:
     """Whether the newest pass has ended; one that begins is there before the last one ends."""
-    if not summaries:
-        return False
-    _, newest = summaries[-1]
     return bool(newest["complete"] or newest["incomplete_reason"] != RunSummary.incomplete_reason)
 
 
-def _end_summaries(results: Path, started: float, drive: str) -> list[PassResults]:
+def _end_summaries(
+    results: Path, started: float, drive: str, error: BaseException | None
+) -> list[PassResults]:
     """Put into the summaries what the recorder cannot know, and return them."""
     total_s = time.monotonic() - started
-    ended: list[PassResults] = [
+    ended: list[tuple[Path, dict[str, Any]]] = [
         (directory, {**summary, "drive": summary["drive"] or drive, "total_s": total_s})
         for directory, summary in _summaries(results)
     ]
+    if error is not None and ended and not ended[-1][1]["complete"]:
+        reason = _INTERRUPTED if isinstance(error, KeyboardInterrupt) else str(error)
+        ended[-1][1]["incomplete_reason"] = reason
     for directory, summary in ended:
         content = json.dumps(summary, indent=2) + "\n"
-        replace_file(directory / "summary.json", content.encode("utf-8"))
-    return ended
+        try:
+            replace_file(directory / "summary.json", content.encode("utf-8"))
+        except OutputError:
+            if error is None:
+                raise
+    return [(directory, summary) for directory, summary in ended]
 
 
 def _draw(directory: Path) -> None:
