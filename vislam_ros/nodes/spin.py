@@ -78,7 +78,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     for number in _SIGNALS:
         signal.signal(number, on_signal)
     try:
-        _init(args)
+        init_ros(args)
         _spin(make_node(), told_at)
     except (VislamError, RuntimeError) as error:
         with suppress(OSError):  # nobody may be left to hear it
@@ -91,10 +91,24 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     return 0
 
 
-def _init(args: list[str] | None) -> None:
-    """Initialise ROS, whose own lines about bad arguments would stand beside ours."""
+def init_ros(args: list[str] | None = None) -> None:
+    """Initialise ROS without its signal handlers, which would shut it down at once.
+
+    Parameters
+    ----------
+    args : list of str, optional
+        Command line with the program's name, :data:`sys.argv` by default.
+
+    Raises
+    ------
+    VislamError
+        Where an argument will not do; ROS's own lines about it would stand beside ours.
+    """
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.FATAL)
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise VislamError(_reason(error)) from error
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
@@ -134,6 +148,8 @@ def _reason(error: Exception) -> str:
     """One line of an error, without the places in rcl's sources that passed it on."""
     lines = str(error).splitlines() or [type(error).__name__]
     text = lines[0].split(", at /")[0].removeprefix("failed to initialize rcl: ")
+    if text.startswith("["):  # all that rclpy says of arguments that it does not know
+        return f"no such ROS arguments: {text}"
     if "logging directory" in text:
         return "no folder for log files: set HOME or ROS_LOG_DIR"
     return text
