@@ -27,6 +27,8 @@ from vislam_ros.data.bags.layout import DIAGNOSTICS, Topic
 from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import OutputError, VislamError
 from vislam_ros.nodes import conversions
+from vislam_ros.nodes.steady import steady_timer
+from vislam_ros.nodes.subscribing import MatchingSubscription, qos_overrides
 from vislam_ros.nodes.topics import message_class, qos_profile
 
 PERIOD = 1.0
@@ -65,12 +67,17 @@ class Monitor:
         self._seen = self._reported_inputs = 0
         self._outputs: dict[str, Publisher] = {}
         self._subscribers: dict[str, int] = {}
+        self._inputs: dict[str, MatchingSubscription] = {}
+        self._unheard: list[str] = []
         self._publisher = self._create_publisher(DIAGNOSTICS)
-        self._timer = node.create_timer(_CHECK_PERIOD, self.guard("diagnostics", self._check))
+        steady_timer(node, _CHECK_PERIOD, self.guard("diagnostics", self._check))
 
     def _create_publisher(self, topic: Topic) -> Publisher:
         return self._node.create_publisher(
-            message_class(topic.msgtype), topic.name, qos_profile(topic.qos)
+            message_class(topic.msgtype),
+            topic.name,
+            qos_profile(topic.qos),
+            qos_overriding_options=qos_overrides(),
         )
 
     @property
@@ -99,12 +106,8 @@ class Monitor:
         """
         self._received[topic.name] = 0
         self._callbacks[topic.name] = callback if with_data else lambda msg, _data: callback(msg)
-        self._node.create_subscription(
-            message_class(topic.msgtype),
-            topic.name,
-            functools.partial(self.take, topic),
-            qos_profile(topic.qos),
-            raw=True,
+        self._inputs[topic.name] = MatchingSubscription(
+            self._node, topic, functools.partial(self.take, topic)
         )
 
     def take(self, topic: Topic, data: bytes) -> None:
@@ -198,12 +201,24 @@ class Monitor:
                 )
 
     def _check(self) -> None:
+        self._look()
         # What came up to a pause is told at once: somebody may be waiting for the last of it.
         pauses = self._reported_inputs != self.inputs == self._seen
         self._seen = self.inputs
         elapsed = time.monotonic() - self._last_report
         if elapsed >= PERIOD or pauses or self._count_subscribers() != self._subscribers:
             self.report()
+
+    def _look(self) -> None:
+        """Hear who publishes now; tell in the log of those who cannot be heard."""
+        unheard = []
+        for subscription in self._inputs.values():
+            subscription.look()
+            unheard.extend(subscription.unheard())
+        for publisher in unheard:
+            if publisher not in self._unheard:
+                self._node.get_logger().warning(f"cannot hear {publisher}")
+        self._unheard = unheard
 
     def _count_subscribers(self) -> dict[str, int]:
         return {
@@ -219,6 +234,9 @@ class Monitor:
             for topic, count in self._received.items()
         }
         values.update({f"received {topic}": n for topic, n in self._received.items()})
+        for topic, subscription in self._inputs.items():
+            if heard_as := subscription.heard_as():
+                values[f"heard {topic}"] = heard_as
         message, own_values = self._describe()
         values.update(own_values)
         self._subscribers = self._count_subscribers()
@@ -229,10 +247,11 @@ class Monitor:
         status = conversions.status(self._node.get_fully_qualified_name(), values)
         total = self.refused.counts.total()
         newly_refused = total - self._last_refused
-        status.level = DiagnosticStatus.WARN if newly_refused else DiagnosticStatus.OK
-        status.message = (
-            f"{message}; {newly_refused} message(s) refused" if newly_refused else message
-        )
+        warnings = [f"cannot hear {publisher}" for publisher in self._unheard]
+        if newly_refused:
+            warnings.append(f"{newly_refused} message(s) refused")
+        status.level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
+        status.message = "; ".join([message, *warnings])
         stamp = self._node.get_clock().now().to_msg()
         self.publish(self._publisher, conversions.status_array(stamp, [status]))
         self._last_report, self._last_refused = now, total
@@ -250,3 +269,12 @@ def _decoded(topic: Topic, data: bytes) -> Any:
 def stamp_age(node: Node, stamp: int) -> float:
     """Seconds by which the node's clock is ahead of a stamp (ns)."""
     return (node.get_clock().now().nanoseconds - stamp) * 1e-9
+
+
+def neighbour(node: Node, name: str) -> str | None:
+    """Name of a node that reports as ``name`` where it is in the same namespace as another.
+
+    /diagnostics is one for all robots; None stands for a node of another one.
+    """
+    namespace, _, own = name.rpartition("/")
+    return own if namespace == node.get_namespace().rstrip("/") else None

@@ -7,42 +7,59 @@ import gc
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from types import FrameType
 from typing import Protocol, runtime_checkable
 
 import rclpy
 import rclpy.logging
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
 from vislam_ros.errors import VislamError
+from vislam_ros.nodes.steady import steady_timer
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # How soon a signal is noticed where nothing else happens.
 _POLL_SECONDS = 0.05
 _ARRIVAL_SECONDS = 0.3
+_LONGEST_SECONDS = 5.0
+# A signal that comes so soon after the first is the same wish.
+_AT_ONCE_SECONDS = 1.0
 
 
 @runtime_checkable
 class WindsUp(Protocol):
     """A node that has something to do when it is told to end."""
 
-    def wind_up(self) -> bool:
-        """Tell whether the node may end; it is spun, and asked again, until it may."""
+    def wind_up(self, *, hurried: bool) -> bool:
+        """Tell whether the node may end; it is spun, and asked again, until it may.
+
+        But for the first time it is asked when nothing waits to be taken. It is hurried where it
+        was told again.
+        """
+
+
+@runtime_checkable
+class EndsItself(Protocol):
+    """A node that may be told to end by other ways than a signal."""
+
+    @property
+    def is_told_to_end(self) -> bool:
+        """Whether it was."""
 
 
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Make a node and spin it until SIGINT or SIGTERM.
 
-    The first signal lets the callback at work finish; further ones do nothing. Then a node that
-    :class:`WindsUp` does so, and what any node has published gets a moment to arrive. A node that
+    The first signal lets the callback at work finish. Then a node that :class:`WindsUp` does so,
+    and hurries if another signal comes, but for one that comes at once: a terminal and a launcher
+    may both send the first. What any node has published gets a moment to arrive. A node that
     has files or threads to finish does so in ``destroy_node``.
 
     Parameters
@@ -56,19 +73,18 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     int
         0 after a signal, 1 where the node could not start or could not go on.
     """
-    told_to_end = False
+    told_at: list[float] = []
 
     def on_signal(_signal: int, _frame: FrameType | None) -> None:
         # rclpy's own handler would shut the context down with all that still waits in it.
-        nonlocal told_to_end
-        told_to_end = True
+        told_at.append(time.monotonic())
 
     atexit.register(gc.freeze)  # a collection before the end frees nothing and takes long
     for number in _SIGNALS:
         signal.signal(number, on_signal)
     try:
-        _init(args)
-        _spin(make_node(), lambda: told_to_end)
+        init_ros(args)
+        _spin(make_node(), told_at)
     except (VislamError, RuntimeError) as error:
         with suppress(OSError):  # nobody may be left to hear it
             print(f"error: {_reason(error)}", file=sys.stderr)
@@ -80,24 +96,39 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     return 0
 
 
-def _init(args: list[str] | None) -> None:
-    """Initialise ROS, whose own lines about bad arguments would stand beside ours."""
+def init_ros(args: list[str] | None = None) -> None:
+    """Initialise ROS without its signal handlers, which would shut it down at once.
+
+    Parameters
+    ----------
+    args : list of str, optional
+        Command line with the program's name, :data:`sys.argv` by default.
+
+    Raises
+    ------
+    VislamError
+        Where an argument will not do; ROS's own lines about it would stand beside ours.
+    """
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.FATAL)
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise VislamError(_reason(error)) from error
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
-def _spin(node: Node, is_told_to_end: Callable[[], bool]) -> None:
+def _spin(node: Node, told_at: Sequence[float]) -> None:
     executor = SingleThreadedExecutor()
     try:
         executor.add_node(node)
-        # A signal does not end the executor's wait, and the node's own clock may stand still.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(_POLL_SECONDS, lambda: None, clock=steady)
-        while not is_told_to_end():
+        # A signal does not end the executor's wait.
+        steady_timer(node, _POLL_SECONDS, lambda: None)
+        ends_itself = node if isinstance(node, EndsItself) else None
+        while not (told_at or (ends_itself is not None and ends_itself.is_told_to_end)):
             executor.spin_once()
-        while isinstance(node, WindsUp) and not node.wind_up():
+        while isinstance(node, WindsUp) and not node.wind_up(hurried=_is_hurried(told_at)):
             executor.spin_once()
+            _work_off(executor)
         _let_arrive(node)
     except BaseException:
         executor.shutdown()
@@ -106,6 +137,24 @@ def _spin(node: Node, is_told_to_end: Callable[[], bool]) -> None:
         raise
     executor.shutdown()
     node.destroy_node()
+
+
+def _work_off(executor: SingleThreadedExecutor) -> None:
+    """Take what waits until nothing does, but not for ever: more may come all the time."""
+    end = time.monotonic() + _LONGEST_SECONDS
+    works = True
+    while works and time.monotonic() < end:
+        works = False
+        with suppress(TimeoutException):  # at the end of each look at what is ready
+            while True:
+                handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
+                works = True
+                handler()
+                handler.result()  # raises what the callback did
+
+
+def _is_hurried(told_at: Sequence[float]) -> bool:
+    return bool(told_at) and told_at[-1] - told_at[0] > _AT_ONCE_SECONDS
 
 
 def _let_arrive(node: Node) -> None:
@@ -119,6 +168,8 @@ def _reason(error: Exception) -> str:
     """One line of an error, without the places in rcl's sources that passed it on."""
     lines = str(error).splitlines() or [type(error).__name__]
     text = lines[0].split(", at /")[0].removeprefix("failed to initialize rcl: ")
+    if text.startswith("["):  # all that rclpy says of arguments that it does not know
+        return f"no such ROS arguments: {text}"
     if "logging directory" in text:
         return "no folder for log files: set HOME or ROS_LOG_DIR"
     return text

@@ -24,12 +24,12 @@ from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.ending import PassResults, print_passes, require_complete
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters, shared_file
+from vislam_ros.cli.played_bag import PlayedBag, renamed_topics
 from vislam_ros.cli.processes import Child, Children
 from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.screen import progress_bar
-from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
+from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import require_intact
-from vislam_ros.data.bags.layout import FEATURES
 from vislam_ros.data.bags.reader import ReadingRules, check_readable
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.parameter_file import write_parameters
@@ -115,12 +115,13 @@ def _ignore_interrupts() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> Path:
+def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> PlayedBag:
     """Return the bag to play: the one given, if the nodes can use it, or one of the dataset."""
+    renamed, namespace = renamed_topics(arguments), arguments.namespace
     if is_bag(arguments.data):
         require_intact(arguments.data)
-        check_readable(arguments.data, rules=rules)
-        return Path(arguments.data).resolve()
+        check_readable(arguments.data, rules=rules, topics=renamed, namespace=namespace)
+        return PlayedBag.of(Path(arguments.data).resolve(), namespace, renamed)
     use_format(arguments)
     bag = scratch / arguments.data.stem
     with progress_bar("converting", 1.0) as update:
@@ -132,18 +133,21 @@ def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> P
             progress=lambda share: update(share, ""),
         )
     print_notes(drive)
-    return bag
+    return PlayedBag.of(bag, namespace, renamed)
 
 
 def _run_graph(
-    bag: Path, results: Path, parameters: RunParameters, rate: float, scratch: Path
+    bag: PlayedBag, results: Path, parameters: RunParameters, rate: float, scratch: Path
 ) -> None:
     """Start the graph, wait until the recorder is done, and end it whatever happens."""
     recorder = {**parameters.given["recorder_node"], "directory": str(results), "force": True}
     params_file = scratch / "params.yaml"
     given = {**parameters.given, "recorder_node": recorder}
-    write_parameters(params_file, {node: values for node, values in given.items() if values})
-    frames = _count_frames(bag)
+    write_parameters(
+        params_file,
+        {f"{bag.namespace}/{node}": values for node, values in given.items() if values},
+    )
+    simulates_time = any(values.get("use_sim_time") for values in given.values())
     with _ros_environment(results / "log") as environment:
         _say_how_to_join(environment)
         children = Children(environment, results / "log")
@@ -154,7 +158,7 @@ def _run_graph(
                     children.start(
                         name,
                         f"vislam_ros.nodes.{name}",
-                        ["--ros-args", "--params-file", str(params_file)],
+                        ["--ros-args", "--params-file", str(params_file), *bag.node_arguments],
                     )
                     for name in NODES
                 ]
@@ -164,23 +168,19 @@ def _run_graph(
                     "vislam_ros.cli.main",
                     [
                         "play",
-                        str(bag),
+                        str(bag.path),
                         "--whole-graph",
+                        *bag.player_arguments,
+                        *(["--clock"] if simulates_time else []),
                         f"--wait={_START_UP_SECONDS}",
                         f"--rate={rate}",
                     ],
                 )
-                with progress_bar("running", frames) as update:
+                with progress_bar("running", bag.frames) as update:
                     _watch(nodes, player, results, update)
         finally:
             _ignore_interrupts()
             children.end(writer=recorder_node)
-
-
-def _count_frames(bag: Path) -> int:
-    with BagMessages(bag) as messages:
-        counts = {connection.topic: connection.count for connection in messages.connections}
-    return counts.get(FEATURES.recorded, 0)
 
 
 @contextmanager

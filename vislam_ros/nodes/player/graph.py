@@ -16,6 +16,7 @@ from rclpy.node import Node
 
 from vislam_ros.data.bags.layout import DIAGNOSTICS, FEATURES, ODOMETRY, PREDICTION, STEPS
 from vislam_ros.data.results.completeness import Ledger, NodeReport
+from vislam_ros.nodes.diagnostics import neighbour
 from vislam_ros.nodes.player.window import FeatureWindow
 from vislam_ros.nodes.topics import STREAM
 
@@ -82,10 +83,12 @@ class GraphWatch:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            name = neighbour(self._node, status.name)
+            if name is None:
+                continue
             for entry in status.values:
                 if entry.key.startswith(_KEY):
                     self._found[entry.key.removeprefix(_KEY)] = int(entry.value)
-            name = status.name.rpartition("/")[2]
             if name in REPORTING:
                 report = NodeReport.of_values({entry.key: entry.value for entry in status.values})
                 self._ledger.set_report(name, report)
