@@ -5,7 +5,7 @@
 from pathlib import Path
 
 import pytest
-from running import WAIT, Run
+from live.running import WAIT, Run
 
 from vislam_ros.cli.main import main
 

@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ctrl-C as a KeyboardInterrupt that arrives as one wherever it strikes, and a quick end."""
 
+import _thread
 import atexit
 import functools
 import gc
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -15,7 +17,7 @@ from types import FrameType
 # Python that numba's compiled functions call back. An exception that is raised there comes out as
 # a SystemError.
 _CALLED_BY_COMPILED_CODE = "numba.core.serialize"
-_AGAIN_SECONDS = 0.001
+_AGAIN_SECONDS = 0.005
 
 
 def take_interrupts() -> None:
@@ -51,8 +53,13 @@ def is_interrupt(error: BaseException | None) -> bool:
 def _interrupt(_signal: int, frame: FrameType | None) -> None:
     if frame is not None and frame.f_globals.get("__name__") == _CALLED_BY_COMPILED_CODE:
         _try_again()
-    else:
-        raise KeyboardInterrupt
+        return
+    while frame is not None:
+        if frame.f_code in (_not_raised.__code__, _try_again.__code__):
+            _try_again()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 def _not_raised(
@@ -66,7 +73,14 @@ def _not_raised(
 
 
 def _try_again() -> None:
-    threading.Timer(_AGAIN_SECONDS, signal.raise_signal, [signal.SIGINT]).start()
+    def interrupt() -> None:
+        time.sleep(_AGAIN_SECONDS)
+        main = threading.main_thread().ident
+        if main is not None:
+            signal.pthread_kill(main, signal.SIGINT)  # which also ends what it waits for
+
+    # Not a threading.Thread, whose start waits and would be interrupted in turn.
+    _thread.start_new_thread(interrupt, ())
 
 
 def _end_quickly() -> None:
