@@ -14,13 +14,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from reliability.witness import READY
-
 from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.data.results.reader import read_results
@@ -44,6 +43,7 @@ _POLL = 0.002
 # Of a run that was stopped itself: how long.
 _STOP_SECONDS = 1.0
 _ARRIVAL_SECONDS = 0.3
+_SOON_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,17 @@ class Outcome:
         if self.trial.number == signal.SIGKILL:
             return self.code == -signal.SIGKILL
         return self.code == INTERRUPTED and self.last_line.startswith("interrupted")
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is named, nothing is left or lost, and it ended soon enough.
+
+        A recorder that is killed outright loses what it had not taken yet.
+        """
+        is_killed = (self.trial.target, self.trial.number) == ("recorder_node", signal.SIGKILL)
+        in_time = not self.ended_s > _SOON_SECONDS
+        whole = not self.fault and (is_killed or not self.lost)
+        return self.is_named and whole and not self.left and in_time
 
 
 def trials(rates: Sequence[float], moments: int, few: int) -> list[Trial]:
@@ -188,14 +199,6 @@ class Run:
         return found
 
 
-def measure_signals(
-    data: Path, frames: int, scratch: Path, planned: Sequence[Trial]
-) -> Iterator[Outcome]:
-    """Run a drive of so many frames for each trial."""
-    for trial in planned:
-        yield measure(data, frames, scratch / "run", trial)
-
-
 def measure(data: Path, frames: int, out: Path, trial: Trial) -> Outcome:
     """Run a drive of so many frames, and send the signal."""
     with own_domain() as domain:
@@ -237,7 +240,10 @@ def _send(trial: Trial, run: Run, witness: Witness, frames: int) -> float:
     end = time.monotonic() + _WAIT
     pid = None
     while time.monotonic() < end and run.process.poll() is None:
-        pid = pid or run.pids().get(trial.target)
+        if pid is None:
+            pids = run.pids()
+            # By then it runs its children.
+            pid = pids.get(trial.target) if "player" in pids else None
         if pid and len(witness.stamps) >= trial.moment * frames:
             with suppress(ProcessLookupError):
                 os.kill(pid, trial.number)

@@ -5,6 +5,7 @@
 import signal
 import sys
 import threading
+from typing import Any
 
 import rclpy
 from nav_msgs.msg import Odometry
@@ -17,14 +18,16 @@ from vislam_ros.nodes.topics import STREAM
 READY = "ready"
 
 
+def _say(message: Any) -> None:
+    print(stamp_of(message.header))
+
+
 def main() -> None:
     """Listen until standard input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C is for the one that it watches
     rclpy.init()
     node = rclpy.create_node("witness")
-    node.create_subscription(
-        Odometry, ODOMETRY.name, lambda message: print(stamp_of(message.header)), STREAM
-    )
+    node.create_subscription(Odometry, ODOMETRY.name, _say, STREAM)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     thread = threading.Thread(target=executor.spin)

@@ -11,7 +11,8 @@ from typing import IO
 # A node's logger, a command's own line, and what Python, C++ and the C library say at the end.
 _ERROR = re.compile(
     r"\[(?:ERROR|FATAL)\] \[[\d.]+\] \[[^]]*\]: (?P<logged>.*)"
-    r"|(?P<plain>(?:error: |Fatal Python error: |terminate called |  what\(\):  ).*)"
+    r"|error: (?P<told>.*)"
+    r"|(?P<plain>(?:Fatal Python error: |terminate called |  what\(\):  ).*)"
 )
 _TRACEBACK = "Traceback (most recent call last):"
 _ENDING_SECONDS = 1.0
@@ -57,4 +58,4 @@ class ChildLog:
                 elif text == _TRACEBACK:
                     in_traceback = True
                 elif found := _ERROR.match(text):
-                    self._error = found["logged"] or found["plain"].strip()
+                    self._error = next(words for words in found.groups() if words).strip()

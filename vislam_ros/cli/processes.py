@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from vislam_ros.cli.child_log import ChildLog
+from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.errors import VislamError
 
 # What a child gets to end by itself before the next, less friendly signal.
@@ -80,7 +81,8 @@ class Child:
         """Return the error for a child that should still run."""
         code = self.exit_code
         how = f"exit code {code}"
-        error = self._log.last_error() or "it named no error"
+        silent = "it was told to end" if code in (OK, INTERRUPTED) else "it named no error"
+        error = self._log.last_error() or silent
         if code is not None and code < 0:
             how = f"signal {-code} ({signal.Signals(-code).name})"
             if -code == signal.SIGKILL:

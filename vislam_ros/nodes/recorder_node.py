@@ -240,7 +240,11 @@ class RecorderNode(Node):
 
     def _is_quiet(self, now: float) -> bool:
         """Whether the recorder was told to end and nothing comes any more."""
-        return self._ending is not None and self._ending.is_quiet(now, self.monitor.inputs)
+        if self._ending is None:
+            return False
+        names = (self.resolve_topic_name(topic.name) for topic in (ODOMETRY, PREDICTION))
+        anybody = any(map(self.count_publishers, names))
+        return self._ending.is_quiet(now, self.monitor.inputs, anybody=anybody)
 
     def _has_player_ended(self) -> bool:
         return self._player[0] in ("finished", "interrupted")
@@ -315,6 +319,8 @@ class RecorderNode(Node):
         }
 
     def _stopped(self) -> str:
+        if self._ending is None:
+            return "the recorder could not go on"
         return f"{STOPPED} while the player was {self._player[0]}"
 
     def destroy_node(self) -> None:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node as a process: one line where it cannot start, exit 0 where a signal ends it."""
 
+import atexit
+import gc
 import signal
 import sys
 import time
@@ -25,7 +27,7 @@ from vislam_ros.nodes.steady import steady_timer
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # How soon a signal is noticed where nothing else happens.
 _POLL_SECONDS = 0.05
-_ARRIVAL_SECONDS = 0.5
+_ARRIVAL_SECONDS = 0.3
 # A signal that comes so soon after the first is the same wish.
 _AT_ONCE_SECONDS = 1.0
 
@@ -55,7 +57,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
 
     The first signal lets the callback at work finish. Then a node that :class:`WindsUp` does so,
     and hurries if another signal comes, but for one that comes at once: a terminal and a launcher
-    may both send the first. What any node has published gets half a second to arrive. A node that
+    may both send the first. What any node has published gets a moment to arrive. A node that
     has files or threads to finish does so in ``destroy_node``.
 
     Parameters
@@ -75,6 +77,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         # rclpy's own handler would shut the context down with all that still waits in it.
         told_at.append(time.monotonic())
 
+    atexit.register(gc.freeze)  # a collection before the end frees nothing and takes long
     for number in _SIGNALS:
         signal.signal(number, on_signal)
     try:

@@ -52,17 +52,23 @@ def test_without_an_answer_all_steps_are_written(ending):
 
 
 def test_it_is_quiet_when_nothing_came_for_a_while(ending):
-    assert not ending.is_quiet(100.0, 10)
-    assert not ending.is_quiet(100.0 + 0.9 * QUIET_SECONDS, 10)
-    assert ending.is_quiet(100.0 + QUIET_SECONDS + 1e-6, 10)
-    assert not ending.is_quiet(100.5, 11)
+    assert not ending.is_quiet(100.0, 10, anybody=True)
+    assert not ending.is_quiet(100.0 + 0.9 * QUIET_SECONDS, 10, anybody=True)
+    assert ending.is_quiet(100.0 + QUIET_SECONDS + 1e-6, 10, anybody=True)
+    assert not ending.is_quiet(100.5, 11, anybody=True)
+
+
+def test_where_nobody_is_left_a_pause_is_enough(ending):
+    assert not ending.is_quiet(100.0, 10, anybody=False)
+    assert ending.is_quiet(100.0 + 0.1 * QUIET_SECONDS, 10, anybody=False)
 
 
 def test_a_stream_that_does_not_end_is_not_waited_for_forever(ending):
     now = 100.0 + LINGERING_SECONDS
-    assert not ending.is_quiet(now, 11)
-    assert ending.is_quiet(now + 0.01, 11)
-    assert [ending.is_quiet(now + k * 1e-3, 12 + k) for k in (3000, 5000)] == [False, True]
+    assert not ending.is_quiet(now, 11, anybody=True)
+    assert ending.is_quiet(now + 0.01, 11, anybody=True)
+    assert not ending.is_quiet(now + 3.0, 12, anybody=True)
+    assert ending.is_quiet(now + 5.0, 13, anybody=True)
 
 
 @pytest.mark.parametrize("stamp", [0, 7, 1_317_000_000_000_000_123])

@@ -44,7 +44,7 @@ NODES = ("imu_prediction_node", "slam_node", "recorder_node")
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = "the run was interrupted"
 _POLL_SECONDS = 0.02
-_SUMMARY_SECONDS = 0.1
+_LOOKS_A_SUMMARY = 5
 # Long enough to stop a process and let it go on by hand; the whole run ends within 2 s.
 _STOPPED_SECONDS = 1.0
 _START_UP_SECONDS = 60.0
@@ -237,8 +237,7 @@ def _watch(
         end.
     """
     stopped: Counter[str] = Counter()
-    looks = looks_since_the_player = 0
-    summaries: list[PassResults] = []
+    looks = looks_since_the_player = looks_since_the_end = 0
     while True:
         for child in nodes:
             if child.exit_code is not None:
@@ -247,23 +246,24 @@ def _watch(
             raise player.died()
         for child in (*nodes, player):
             stopped[child.name] = stopped[child.name] + 1 if child.is_stopped else 0
-            if stopped[child.name] * _POLL_SECONDS > _STOPPED_SECONDS:
+            if stopped[child.name] > _STOPPED_SECONDS / _POLL_SECONDS:
                 raise VislamError(
                     f"{child.name} was stopped by a signal and did not go on ({child.log})"
                 )
-        if looks * _POLL_SECONDS >= _SUMMARY_SECONDS:
-            looks = 0
-            summaries = _summaries(results)
-        if summaries and not looks:
+        if looks % _LOOKS_A_SUMMARY == 0 and (summaries := _summaries(results)):
             steps, newest = sum(summary["steps"] for _, summary in summaries), summaries[-1][1]
             update(steps, f"{newest['landmarks'] or 0} landmarks")
             if str(newest["incomplete_reason"]).startswith(STOPPED):
                 raise VislamError("recorder_node was told to end")
             if _is_settled(newest):
-                player.wait(_PARTING_SECONDS)
-                return
+                looks_since_the_end += _LOOKS_A_SUMMARY
+                if (
+                    player.exit_code == OK
+                    or looks_since_the_end > _PARTING_SECONDS / _POLL_SECONDS
+                ):
+                    return
             patience = map_patience(steps) + _SETTLING_SECONDS
-            if looks_since_the_player * _POLL_SECONDS > patience:
+            if looks_since_the_player > patience / _POLL_SECONDS:
                 raise VislamError(f"recorder_node did not come to its end in {patience:.0f} s")
         looks += 1
         looks_since_the_player += player.exit_code == OK
@@ -294,8 +294,11 @@ def _end_summaries(
         for directory, summary in _summaries(results)
     ]
     if error is not None and ended and not ended[-1][1]["complete"]:
+        directory, newest = ended[-1]
+        if not _is_settled(newest):  # a killed recorder: its rows are there, and its count is old
+            newest["steps"] = _count_poses(directory)
         reason = _INTERRUPTED if isinstance(error, KeyboardInterrupt) else str(error)
-        ended[-1][1]["incomplete_reason"] = reason
+        newest["incomplete_reason"] = reason
     for directory, summary in ended:
         content = json.dumps(summary, indent=2) + "\n"
         try:
@@ -304,6 +307,13 @@ def _end_summaries(
             if error is None:
                 raise
     return [(directory, summary) for directory, summary in ended]
+
+
+def _count_poses(directory: Path) -> int:
+    try:
+        return len((directory / "trajectory.tum").read_bytes().splitlines())
+    except OSError:
+        return 0
 
 
 def _draw(directory: Path) -> None:

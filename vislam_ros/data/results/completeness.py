@@ -156,11 +156,19 @@ class Ledger:
         """Features messages that the player has sent."""
         return self._sent.get(FEATURES.name, 0)
 
+    def begin(self) -> None:
+        """Count only what nodes are sent from now on."""
+        self._before = dict(self._reports)
+
+    def received(self, node: str, topic: str) -> int:
+        """How many messages a node says that it was sent since the player began."""
+        return self._since(node).received.get(topic, 0)
+
     def set_sent(self, sent: Mapping[str, int]) -> bool:
         """Note how much a player has sent, by topic; tell whether another player has begun."""
         begins = any(sent.get(topic, 0) < count for topic, count in self._sent.items())
         if begins:
-            self._before = dict(self._reports)
+            self.begin()
         self._sent = sent
         return begins
 
@@ -190,7 +198,7 @@ class Ledger:
         sent = {**self._sent, PREDICTION.name: self._since(_PREDICTION_NODE).predictions}
         return {
             topic: sent[topic] - arrived
-            for node in self._reports
+            for node in tuple(self._reports)
             for topic, arrived in self._since(node).received.items()
             if arrived < sent.get(topic, 0)
         }

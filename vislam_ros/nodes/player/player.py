@@ -45,7 +45,7 @@ Progress = Callable[[float], None]
 
 STALL_SECONDS = 5.0
 DELIVERY_SECONDS = 60.0
-PARTING_SECONDS = 2.0
+PARTING_SECONDS = 0.5
 
 _STATUS_PERIOD = 1.0
 _COUNTED = (IMU, TWIST, FEATURES)
@@ -82,7 +82,7 @@ class Player(Node):
         self._window = FeatureWindow(self.clock.condition)
         self._outlets = self._create_outlets(renamed)
         self._by_role = {outlet.role: outlet for outlet in self._outlets.values()}
-        self._graph = GraphWatch(self, self._window.settle) if options.whole_graph else None
+        self._graph = GraphWatch(self, self._window)
         self.report = PlayReport()
         self._began = 0.0
         self._status = self.create_publisher(DiagnosticArray, PLAYER.name, LATCHED)
@@ -134,8 +134,7 @@ class Player(Node):
         with self._spinning():
             self._wait_for_subscribers()
             self.clock.wait_for(lambda: False, self.options.delay)
-            if self._graph:
-                self._graph.begin()
+            self._graph.begin()
             self._began = time.monotonic() - self.clock.seconds_paused()
             while self._play_once(progress) and self._drain():
                 report.passes += 1
@@ -190,7 +189,9 @@ class Player(Node):
                 for topic, outlet, count in waiting
                 if outlet.subscribers < count
             ]
-            return links + (self._graph.missing() if self._graph else [])
+            if self.options.rate == 0.0:
+                links += [f"a report of {name}" for name in self._graph.silent()]
+            return links + (self._graph.missing() if self.options.whole_graph else [])
 
         if not self.clock.wait_for(lambda: not missing(), self.options.wait):
             links = missing()
@@ -209,6 +210,7 @@ class Player(Node):
         has_features = FEATURES in self._by_role
         begin += self._bag.start
         before = self.report.bag_seconds
+        self._window.expect()
         self.clock.start(begin)
         for connection, stamp, data in messages:
             outlet = self._outlets[connection.topic]
@@ -248,23 +250,33 @@ class Player(Node):
     def _wait_for_answers(self, most_waiting: int) -> None:
         """Wait until at most so many frames are unanswered, if anybody answers at all.
 
-        For none to be, it is enough that the graph has taken them: what waits there for its
-        motion may wait for what the bag does not hold.
+        What waits in a graph that has taken all else waits for motion that the bag holds later,
+        or not at all. A node that is busy, as with the exact map of the last pass, is waited for
+        as long as it is there.
         """
         window = self._window
         while window.waiting > most_waiting and window.answered:
-            if not most_waiting and window.has_taken_all():
+            if self._is_at_rest():
+                window.forget()
                 return
             if self.clock.interrupted or not self.count_publishers(self._odometry.topic_name):
                 return
-            answer = functools.partial(window.has_moved_on, window.acknowledged, window.taken)
+            answer = functools.partial(self._hears, window.acknowledged, window.taken)
             moved_on = self.clock.wait_for(answer, STALL_SECONDS)
-            if not (moved_on or self.clock.interrupted):
+            if not (moved_on or self.clock.interrupted or self._graph.is_busy()):
                 self.get_logger().warning(
                     f"{self._odometry.topic_name} has not answered {window.waiting} feature "
                     f"frame(s) for {STALL_SECONDS:g} s: going on without"
                 )
-                window.forget()
+                window.expect_none()
+
+    def _hears(self, acknowledged: int, taken: int) -> bool:
+        """Whether the graph has done more than this, or has done all."""
+        return self._window.has_moved_on(acknowledged, taken) or self._is_at_rest()
+
+    def _is_at_rest(self) -> bool:
+        sent = {topic.name: self._sent(topic) for topic in _COUNTED}
+        return self._graph.is_at_rest(sent)
 
     def _drain(self) -> bool:
         """Wait until the graph has answered all frames; False if interrupted."""

@@ -47,12 +47,22 @@ class Ending(Generic[T]):
         """Time since the recorder was told, seconds."""
         return now - self._told_at
 
-    def is_quiet(self, now: float, inputs: int) -> bool:
-        """Whether nothing is on its way any more, as far as that can be told."""
+    def is_quiet(self, now: float, inputs: int, *, anybody: bool) -> bool:
+        """Whether nothing is on its way any more, as far as that can be told.
+
+        Parameters
+        ----------
+        now : float
+        inputs : int
+            Messages that came so far.
+        anybody : bool
+            Whether there still is somebody who could send more.
+        """
         if inputs != self._inputs:
             self._inputs, self._changed_at = inputs, now
         told_for, quiet_for = now - self._told_at, now - self._changed_at
-        enough = QUIET_SECONDS if told_for < LINGERING_SECONDS else _PAUSE_SECONDS
+        more_may_come = anybody and told_for < LINGERING_SECONDS
+        enough = QUIET_SECONDS if more_may_come else _PAUSE_SECONDS
         return quiet_for >= enough or told_for > _LONGEST_SECONDS
 
     def take(self, stamp: int, step: T) -> list[T]:
