@@ -61,7 +61,7 @@ GRACE_SECONDS = 5.0
 ANSWER_SECONDS = 5.0
 """How long it waits for the nodes' parameters, and for the map where nobody offers one."""
 
-SILENCE_SECONDS = 0.5
+SILENCE_SECONDS = 0.3
 """How long slam_node may say nothing to that where a player is there, as in ``vislam run``."""
 
 QUERIED = ("imu_prediction_node", "slam_node")
