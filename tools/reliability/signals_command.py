@@ -77,11 +77,9 @@ def print_table(outcomes: Sequence[Outcome]) -> None:
             if not some:
                 continue
             seconds = [o.ended_s for o in some if not math.isnan(o.ended_s)]
-            times = (
-                f"{np.median(seconds):.2f} | {max(seconds):.2f}"
-                if seconds
-                else "goes on | goes on"
-            )
+            times = "goes on | goes on"
+            if seconds:
+                times = f"{np.median(seconds):.2f} | {max(seconds):.2f}"
             print(
                 f"| {number.name.removeprefix('SIG')} | {'`run`' if target == RUN else target} "
                 f"| {len(some)} | {sum(o.heard for o in some)} | {sum(o.lost for o in some)} "

@@ -8,7 +8,8 @@ import gc
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 # Python that numba's compiled functions call back. An exception that is raised there comes out as
@@ -23,6 +24,21 @@ def take_interrupts() -> None:
         signal.signal(signal.SIGINT, _interrupt)
         sys.unraisablehook = functools.partial(_not_raised, sys.unraisablehook)
     atexit.register(_end_quickly)
+
+
+@contextmanager
+def held_interrupts() -> Iterator[None]:
+    """Let an interrupt that comes in the block strike at its end: what it does is done whole."""
+    caught: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {n: signal.signal(n, lambda number, _: caught.append(number)) for n in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for number in caught[:1]:
+        signal.raise_signal(number)
 
 
 def is_interrupt(error: BaseException | None) -> bool:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from vislam_ros.cli.child_log import ChildLog
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
+from vislam_ros.cli.interrupts import held_interrupts
 from vislam_ros.errors import VislamError
 
 # What a child gets to end by itself before the next, less friendly signal.
@@ -133,8 +134,9 @@ class Children:
 
     def start(self, name: str, module: str, arguments: Sequence[str]) -> Child:
         """Start a child."""
-        child = Child(name, module, arguments, self._environment, self._log_folder)
-        self._children.append(child)
+        with held_interrupts():  # a child that was started and is not known would never be ended
+            child = Child(name, module, arguments, self._environment, self._log_folder)
+            self._children.append(child)
         return child
 
     def send(self, number: int) -> None:

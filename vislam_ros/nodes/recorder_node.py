@@ -61,7 +61,7 @@ GRACE_SECONDS = 5.0
 ANSWER_SECONDS = 5.0
 """How long it waits for the nodes' parameters, and for the map where nobody offers one."""
 
-SILENCE_SECONDS = 0.3
+SILENCE_SECONDS = 0.5
 """How long slam_node may say nothing to that where a player is there, as in ``vislam run``."""
 
 QUERIED = ("imu_prediction_node", "slam_node")
@@ -133,7 +133,7 @@ class RecorderNode(Node):
         if pair is None:
             return
         step: _Step = (*pair[0], *pair[1])
-        if self._ending is None or self._has_player_ended():
+        if self._ending is None or self._has_player():
             self._add_steps([step])
         else:
             self._add_steps(self._ending.take(stamp, step))
@@ -212,7 +212,7 @@ class RecorderNode(Node):
             return
         self._waiting_since = self._waiting_since or now
         self._query.ask()
-        if self._ending is None or self._ending.last is None:
+        if self._may_ask_for_map():
             self._map.ask(self.recording.last_stamp)
         if self._is_done(now, now - self._waiting_since):
             self._conclude()
@@ -225,8 +225,22 @@ class RecorderNode(Node):
             return True
         return now - self._last_progress >= GRACE_SECONDS
 
+    def _may_ask_for_map(self) -> bool:
+        """Whether the map is to be the exact one of the last step.
+
+        While a player is at work there is none: whoever ends the recorder ends the run.
+        """
+        if self._ending is None or self._has_player_ended():
+            return True
+        return not self._has_player() and self._ending.last is None
+
     def _is_done(self, now: float, waited: float) -> bool:
         """Whether these are here, or need not be waited for any longer (s)."""
+        is_stopped = self._ending is not None and self._has_player()
+        if is_stopped and not self._is_quiet(now):
+            return False
+        if is_stopped and not self._has_player_ended():
+            return True
         map_may_come = self._map.is_possible and not self._map.failed
         if self._ending is not None and not map_may_come:
             return self._is_quiet(now)
@@ -240,11 +254,10 @@ class RecorderNode(Node):
 
     def _is_quiet(self, now: float) -> bool:
         """Whether the recorder was told to end and nothing comes any more."""
-        if self._ending is None:
-            return False
-        names = (self.resolve_topic_name(topic.name) for topic in (ODOMETRY, PREDICTION))
-        anybody = any(map(self.count_publishers, names))
-        return self._ending.is_quiet(now, self.monitor.inputs, anybody=anybody)
+        return self._ending is not None and self._ending.is_quiet(now, self.monitor.inputs)
+
+    def _has_player(self) -> bool:
+        return self._player[0] != "absent"
 
     def _has_player_ended(self) -> bool:
         return self._player[0] in ("finished", "interrupted")
@@ -305,6 +318,10 @@ class RecorderNode(Node):
     def wind_up(self, *, hurried: bool) -> bool:
         """End the recording; tell whether it has ended. Hurried, it ends as it stands."""
         self.finish()
+        if self._ending is not None:
+            names = (self.resolve_topic_name(topic.name) for topic in (ODOMETRY, PREDICTION))
+            more_may_come = any(map(self.count_publishers, names))
+            self._ending.note_empty(time.monotonic(), more_may_come=more_may_come)
         if hurried and not self.recording.finished:
             self._conclude()
         return self.recording.finished
@@ -319,9 +336,8 @@ class RecorderNode(Node):
         }
 
     def _stopped(self) -> str:
-        if self._ending is None:
-            return "the recorder could not go on"
-        return f"{STOPPED} while the player was {self._player[0]}"
+        what = "the recorder could not go on" if self._ending is None else STOPPED
+        return f"{what} while the player was {self._player[0]}"
 
     def destroy_node(self) -> None:
         """Close the files; a run that has not ended is marked as incomplete."""

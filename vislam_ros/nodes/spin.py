@@ -15,7 +15,7 @@ from typing import Protocol, runtime_checkable
 import rclpy
 import rclpy.logging
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -28,6 +28,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # How soon a signal is noticed where nothing else happens.
 _POLL_SECONDS = 0.05
 _ARRIVAL_SECONDS = 0.3
+_LONGEST_SECONDS = 5.0
 # A signal that comes so soon after the first is the same wish.
 _AT_ONCE_SECONDS = 1.0
 
@@ -39,7 +40,8 @@ class WindsUp(Protocol):
     def wind_up(self, *, hurried: bool) -> bool:
         """Tell whether the node may end; it is spun, and asked again, until it may.
 
-        It is hurried where it was told again.
+        But for the first time it is asked when nothing waits to be taken. It is hurried where it
+        was told again.
         """
 
 
@@ -126,6 +128,7 @@ def _spin(node: Node, told_at: Sequence[float]) -> None:
             executor.spin_once()
         while isinstance(node, WindsUp) and not node.wind_up(hurried=_is_hurried(told_at)):
             executor.spin_once()
+            _work_off(executor)
         _let_arrive(node)
     except BaseException:
         executor.shutdown()
@@ -134,6 +137,20 @@ def _spin(node: Node, told_at: Sequence[float]) -> None:
         raise
     executor.shutdown()
     node.destroy_node()
+
+
+def _work_off(executor: SingleThreadedExecutor) -> None:
+    """Take what waits until nothing does, but not for ever: more may come all the time."""
+    end = time.monotonic() + _LONGEST_SECONDS
+    works = True
+    while works and time.monotonic() < end:
+        works = False
+        with suppress(TimeoutException):  # at the end of each look at what is ready
+            while True:
+                handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
+                works = True
+                handler()
+                handler.result()  # raises what the callback did
 
 
 def _is_hurried(told_at: Sequence[float]) -> bool:

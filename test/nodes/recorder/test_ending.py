@@ -52,23 +52,26 @@ def test_without_an_answer_all_steps_are_written(ending):
 
 
 def test_it_is_quiet_when_nothing_came_for_a_while(ending):
-    assert not ending.is_quiet(100.0, 10, anybody=True)
-    assert not ending.is_quiet(100.0 + 0.9 * QUIET_SECONDS, 10, anybody=True)
-    assert ending.is_quiet(100.0 + QUIET_SECONDS + 1e-6, 10, anybody=True)
-    assert not ending.is_quiet(100.5, 11, anybody=True)
-
-
-def test_where_nobody_is_left_a_pause_is_enough(ending):
-    assert not ending.is_quiet(100.0, 10, anybody=False)
-    assert ending.is_quiet(100.0 + 0.1 * QUIET_SECONDS, 10, anybody=False)
+    assert not ending.is_quiet(100.0, 10)
+    assert not ending.is_quiet(100.0 + 0.9 * QUIET_SECONDS, 10)
+    assert ending.is_quiet(100.0 + QUIET_SECONDS + 1e-6, 10)
+    assert not ending.is_quiet(100.5, 11)
 
 
 def test_a_stream_that_does_not_end_is_not_waited_for_forever(ending):
-    now = 100.0 + LINGERING_SECONDS
-    assert not ending.is_quiet(now, 11, anybody=True)
-    assert ending.is_quiet(now + 0.01, 11, anybody=True)
-    assert not ending.is_quiet(now + 3.0, 12, anybody=True)
-    assert ending.is_quiet(now + 5.0, 13, anybody=True)
+    assert [ending.is_quiet(100.0 + k, 11 + k) for k in (1, 4, 6)] == [False, False, True]
+
+
+def test_after_a_while_one_moment_is_enough_at_which_nothing_waits(ending):
+    ending.note_empty(100.0 + 0.9 * LINGERING_SECONDS, more_may_come=True)
+    assert not ending.is_quiet(101.0, 11)
+    ending.note_empty(100.0 + 1.1 * LINGERING_SECONDS, more_may_come=True)
+    assert ending.is_quiet(101.2, 12)
+
+
+def test_where_nobody_is_left_to_send_such_a_moment_is_enough_at_once(ending):
+    ending.note_empty(100.0, more_may_come=False)
+    assert ending.is_quiet(100.0, 11)
 
 
 @pytest.mark.parametrize("stamp", [0, 7, 1_317_000_000_000_000_123])

@@ -12,9 +12,8 @@ QUIET_SECONDS = 0.2
 """How long nothing must have come before a recorder closes its files where no map is to come."""
 
 LINGERING_SECONDS = 1.0
-"""How long it waits for that; after it, any pause will do."""
+"""How long it waits for that; after it, one moment is enough at which nothing waits."""
 
-_PAUSE_SECONDS = 0.005
 _LONGEST_SECONDS = 5.0
 
 T = TypeVar("T")
@@ -41,29 +40,19 @@ class Ending(Generic[T]):
         self._inputs, self._changed_at = inputs, now
         self._held: list[tuple[int, T]] = []
         self.last: int | None = None
-        self._is_over = False
+        self._is_over = self._was_empty = False
 
-    def seconds(self, now: float) -> float:
-        """Time since the recorder was told, seconds."""
-        return now - self._told_at
+    def note_empty(self, now: float, *, more_may_come: bool) -> None:
+        """Note that nothing waits to be taken, and whether anybody is left who may send."""
+        if not more_may_come or now - self._told_at > LINGERING_SECONDS:
+            self._was_empty = True
 
-    def is_quiet(self, now: float, inputs: int, *, anybody: bool) -> bool:
-        """Whether nothing is on its way any more, as far as that can be told.
-
-        Parameters
-        ----------
-        now : float
-        inputs : int
-            Messages that came so far.
-        anybody : bool
-            Whether there still is somebody who could send more.
-        """
+    def is_quiet(self, now: float, inputs: int) -> bool:
+        """Whether nothing is on its way any more, as far as that can be told."""
         if inputs != self._inputs:
             self._inputs, self._changed_at = inputs, now
-        told_for, quiet_for = now - self._told_at, now - self._changed_at
-        more_may_come = anybody and told_for < LINGERING_SECONDS
-        enough = QUIET_SECONDS if more_may_come else _PAUSE_SECONDS
-        return quiet_for >= enough or told_for > _LONGEST_SECONDS
+        is_late = now - self._told_at > _LONGEST_SECONDS
+        return self._was_empty or is_late or now - self._changed_at >= QUIET_SECONDS
 
     def take(self, stamp: int, step: T) -> list[T]:
         """Take a step (ns); return those that are to be written now."""
