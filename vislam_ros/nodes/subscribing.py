@@ -149,6 +149,8 @@ class MatchingSubscription:
         if self._second is None or any(mismatch(one, self._second.qos_profile) for one in offered):
             self._close_second()
             self._second = self._open(profile, self._hear_second)
+            logger = self._node.get_logger()
+            logger.info(f"{self._topic.name} is heard as it is sent: {self.heard_as()}")
 
     def _close_second(self) -> None:
         if self._second is not None:
