@@ -171,7 +171,7 @@ def test_a_publisher_that_cannot_be_heard_beside_another_is_a_warning_until_it_i
 
     spin_until(warns, "the warning")
     status, _ = status_of(hearer, published)
-    assert status.message.startswith("running; cannot hear /")
+    assert status.message.startswith("running; cannot hear ")
     assert status.message.endswith(f" on words ({reason})")
     foreign_speaker.destroy_publisher(unheard)
     spin_until(lambda: published[DIAGNOSTICS.name][-1].status[0].level == b"\x00", "the end of it")
