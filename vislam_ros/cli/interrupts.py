@@ -31,14 +31,14 @@ def held_interrupts() -> Iterator[None]:
     """Let an interrupt that comes in the block strike at its end: what it does is done whole."""
     caught: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {n: signal.signal(n, lambda number, _: caught.append(number)) for n in numbers}
+    before = {number: signal.signal(number, lambda n, _: caught.append(n)) for number in numbers}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    for number in caught[:1]:
-        signal.raise_signal(number)
+    for late in caught[:1]:
+        signal.raise_signal(late)
 
 
 def is_interrupt(error: BaseException | None) -> bool:

@@ -89,6 +89,7 @@ class RecorderNode(Node):
         self._last_progress = self._heard_slam_node = time.monotonic()
         self._waiting_since: float | None = None
         self._ending: Ending[_Step] | None = None
+        self._winds_up = False
         self._pairs = StampPairs(self._refuse_unpaired)
         own = {field.name: getattr(settings, field.name) for field in fields(RecorderSettings)}
         self._parameters_of: dict[str, dict[str, Any]] = {"recorder_node": own}
@@ -318,7 +319,9 @@ class RecorderNode(Node):
     def wind_up(self, *, hurried: bool) -> bool:
         """End the recording; tell whether it has ended. Hurried, it ends as it stands."""
         self.finish()
-        if self._ending is not None:
+        if not self._winds_up:
+            self._winds_up = True
+        elif self._ending is not None:
             names = (self.resolve_topic_name(topic.name) for topic in (ODOMETRY, PREDICTION))
             more_may_come = any(map(self.count_publishers, names))
             self._ending.note_empty(time.monotonic(), more_may_come=more_may_come)
