@@ -52,6 +52,8 @@ def probe(make_node):
     [
         (("-p", "velocity_noise_std:=-1.0"), ("velocity_noise_std", "-1.0")),
         (("-p", "time_jump:=soon"), ("time_jump", "soon")),
+        (("-p", "use_sim_time:=7"), ("use_sim_time", "7")),
+        (("-p", "qos_overrides./diagnostics.publisher.history:=last"), ("/diagnostics", "last")),
         (("--params-file", "/nowhere.yaml"), ("/nowhere.yaml",)),
         (("--no-such-argument",), ("--no-such-argument",)),
     ],

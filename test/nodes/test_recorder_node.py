@@ -139,6 +139,7 @@ def test_a_recorder_that_is_stopped_leaves_incomplete_but_readable_results(
 ):
     give_player(recorder, "playing", 3)
     give_drive(recorder, drive, answers)
+    recorder.finish()
     recorder.destroy_node()
     told = summary(tmp_path / "run")
     assert told["complete"] is False

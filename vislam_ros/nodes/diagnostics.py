@@ -28,8 +28,8 @@ from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import OutputError, VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.steady import steady_timer
-from vislam_ros.nodes.subscribing import MatchingSubscription, qos_overrides
-from vislam_ros.nodes.topics import message_class, qos_profile
+from vislam_ros.nodes.subscribing import MatchingSubscription
+from vislam_ros.nodes.topics import message_class, qos_overrides, qos_profile
 
 PERIOD = 1.0
 """Seconds of the clock between two messages on /diagnostics; fewer where something changes."""
@@ -73,12 +73,13 @@ class Monitor:
         steady_timer(node, _CHECK_PERIOD, self.guard("diagnostics", self._check))
 
     def _create_publisher(self, topic: Topic) -> Publisher:
-        return self._node.create_publisher(
-            message_class(topic.msgtype),
-            topic.name,
-            qos_profile(topic.qos),
-            qos_overriding_options=qos_overrides(),
-        )
+        with qos_overrides(topic.name) as overrides:
+            return self._node.create_publisher(
+                message_class(topic.msgtype),
+                topic.name,
+                qos_profile(topic.qos),
+                qos_overriding_options=overrides,
+            )
 
     @property
     def inputs(self) -> int:

@@ -141,7 +141,7 @@ class RecorderNode(Node):
 
     def _add_steps(self, steps: list[_Step]) -> None:
         for pose, covariance, row, raw_row, latency_ms, number in steps:
-            if not self._recorded.count and number > 1:
+            if not (self._recorded.count or self._has_player()) and number > 1:
                 self._ledger.join()
             self.recording.add_step(pose, covariance, row, raw_row, latency_ms=latency_ms)
             self._recorded.add(number)

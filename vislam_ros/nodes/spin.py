@@ -15,6 +15,7 @@ from typing import Protocol, runtime_checkable
 import rclpy
 import rclpy.logging
 from rclpy.duration import Duration
+from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.node import Node
@@ -85,7 +86,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     try:
         init_ros(args)
         _spin(make_node(), told_at)
-    except (VislamError, RuntimeError) as error:
+    except (VislamError, RuntimeError, ParameterException) as error:
         with suppress(OSError):  # nobody may be left to hear it
             print(f"error: {_reason(error)}", file=sys.stderr)
         return 1

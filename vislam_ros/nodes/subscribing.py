@@ -11,43 +11,18 @@ them all. As soon as one fits the first, that is heard alone: nothing comes twic
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    QoSPolicyKind,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from vislam_ros.data.bags.layout import Topic
-from vislam_ros.errors import SettingsError
-from vislam_ros.nodes.topics import message_class, qos_profile
+from vislam_ros.nodes.topics import message_class, qos_overrides, qos_profile
 
-
-def qos_overrides() -> QoSOverridingOptions:
-    """Options that let the parameters ``qos_overrides./TOPIC...`` change a profile."""
-    return QoSOverridingOptions(
-        (
-            QoSPolicyKind.HISTORY,
-            QoSPolicyKind.DEPTH,
-            QoSPolicyKind.RELIABILITY,
-            QoSPolicyKind.DURABILITY,
-        ),
-        callback=_has_depth,
-    )
-
-
-def _has_depth(profile: QoSProfile) -> SetParametersResult:
-    # rclpy itself would take another depth without a word.
-    if profile.history is HistoryPolicy.KEEP_LAST and not profile.depth:
-        return SetParametersResult(successful=False, reason="keep_last needs a depth")
-    return SetParametersResult(successful=True)
+# As rclpy has it for nodes that it has not heard of yet, and for other programs.
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
 def mismatch(offered: QoSProfile, wanted: QoSProfile) -> str:
@@ -103,11 +78,8 @@ class MatchingSubscription:
         self._topic = topic
         self._callback = callback
         self._second: Subscription | None = None
-        try:
-            self._first = self._open(qos_profile(topic.qos), callback, qos_overrides())
-        except Exception as error:  # rclpy has a class of its own for each way to be wrong
-            reason = str(error).splitlines()[0]
-            raise SettingsError(f"qos_overrides of {topic.name}: {reason}") from error
+        with qos_overrides(topic.name) as overrides:
+            self._first = self._open(qos_profile(topic.qos), callback, overrides)
 
     def _open(
         self,
@@ -149,6 +121,8 @@ class MatchingSubscription:
         if self._second is None or any(mismatch(one, self._second.qos_profile) for one in offered):
             self._close_second()
             self._second = self._open(profile, self._hear_second)
+            logger = self._node.get_logger()
+            logger.info(f"{self._topic.name} is heard as it is sent: {self.heard_as()}")
 
     def _close_second(self) -> None:
         if self._second is not None:
@@ -176,5 +150,6 @@ class MatchingSubscription:
                 reason = mismatch(one.qos_profile, listening)
             if reason:
                 name = f"{one.node_namespace.rstrip('/')}/{one.node_name}"
+                name = "a publisher" if _UNKNOWN in name else name
                 unheard.append(f"{name} on {self._topic.name} ({reason})")
         return unheard

@@ -67,10 +67,25 @@ def test_it_takes_the_arguments_of_ros_as_every_node_does(start: Callable[..., A
     _, errors = process.communicate(timeout=WAIT)
     assert process.returncode == 0, errors
     assert "[one.source]: no_such: no such parameter, it has no effect" in errors
-    process = start("--ros-args", "--no-such-argument")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--no-such-argument",), "no such ROS arguments: ['--no-such-argument']"),
+        (("-p", "use_sim_time:=7"), "use_sim_time"),
+        (("-p", "qos_overrides./imu/twist.publisher.reliability:=sometimes"), "/imu/twist"),
+    ],
+)
+def test_arguments_of_ros_that_will_not_do_are_told_in_one_line(
+    start: Callable[..., Any], arguments: tuple[str, ...], words: str
+) -> None:
+    process = start("--topics", "/imu/twist", "--ros-args", *arguments)
     _, errors = process.communicate(timeout=WAIT)
     assert process.returncode == 1
-    assert errors == "error: no such ROS arguments: ['--no-such-argument']\n"
+    (line,) = errors.splitlines()
+    assert line.startswith("error: ")
+    assert words in line
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

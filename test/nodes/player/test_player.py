@@ -10,7 +10,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from listening import FULL_SPEED, LATCHES, STEPS, STREAMS, recorded, wait_until
+from live.listening import FULL_SPEED, LATCHES, STEPS, STREAMS, recorded, wait_until
 from places import REPOSITORY
 from rclpy.serialization import deserialize_message
 from rewriting import JUNK, changing, rewritten

@@ -8,12 +8,14 @@ import signal
 import sys
 from types import FrameType
 
+from rclpy.exceptions import ParameterException
 from rclpy.utilities import try_shutdown
 
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.integrity import require_intact
+from vislam_ros.errors import VislamError
 from vislam_ros.nodes.player.keys import RIGHT_ARROW, SPACE, watch_keys
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
 from vislam_ros.nodes.player.player import Player
@@ -31,7 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
         # The handlers below are ours: rclpy's would end ROS before the player said good-bye.
         init_ros(["vislam", "--ros-args", *arguments.ros_args])
         try:
-            player = Player(bag, options)
+            try:
+                player = Player(bag, options)
+            except ParameterException as error:
+                raise VislamError(str(error).splitlines()[0]) from error
             try:
                 report = _play(player, bag, options)
             finally:

@@ -12,8 +12,7 @@ from rclpy.publisher import Publisher
 from vislam_ros.data.bags.bag_messages import BagConnection
 from vislam_ros.data.bags.layout import LATCHED_QOS, STREAM_QOS, TOPICS, Topic
 from vislam_ros.data.bags.naming import namespace_of, played_name
-from vislam_ros.nodes.subscribing import qos_overrides
-from vislam_ros.nodes.topics import message_class, qos_profile
+from vislam_ros.nodes.topics import message_class, qos_overrides, qos_profile
 
 
 @dataclass
@@ -96,14 +95,16 @@ def make_outlets(
                 f"{topic} is not played: {connection.msgtype} is not installed"
             )
             continue
-        publisher = node.create_publisher(
-            cls,
-            renamed.get(topic) or played_name(topic, recorded, namespace),
-            qos_profile(LATCHED_QOS if connection.latched else STREAM_QOS),
-            qos_overriding_options=qos_overrides(),
-            # Who does not fit may open another subscription that does, as our nodes do.
-            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
-        )
+        name = renamed.get(topic) or played_name(topic, recorded, namespace)
+        with qos_overrides(name) as overrides:
+            publisher = node.create_publisher(
+                cls,
+                name,
+                qos_profile(LATCHED_QOS if connection.latched else STREAM_QOS),
+                qos_overriding_options=overrides,
+                # Who does not fit may open another subscription that does, as our nodes do.
+                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            )
         outlets[topic] = Outlet(publisher, connection.latched)
     for role, topic in _roles(node, outlets, namespace):
         outlets[topic].role = role
