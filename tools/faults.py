@@ -5,6 +5,8 @@
 
 tools/faults.py drive.npz --reference truth.tum
 tools/faults.py drive.npz --reference truth.tum --seconds 2 --places 3 --out results/outages.json
+
+tools/faults.py signals sends signals to the processes of a live run instead.
 """
 
 import argparse
@@ -13,6 +15,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from reliability import signals_command
 from reliability.outages import KINDS, OutageRow, measure_outages, outages
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
@@ -66,6 +69,10 @@ def print_table(rows: list[OutageRow]) -> None:
 
 def main() -> int:
     """Run the command."""
+    if sys.argv[1:2] == ["signals"]:
+        signals = argparse.ArgumentParser(prog="faults.py signals")
+        signals_command.add_arguments(signals)
+        return signals_command.run_command(signals.parse_args(sys.argv[2:]))
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

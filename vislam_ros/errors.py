@@ -9,3 +9,7 @@ class VislamError(Exception):
 
 class SettingsError(VislamError, ValueError):
     """A setting that does not exist, has the wrong type or lies outside its range."""
+
+
+class OutputError(VislamError):
+    """A file cannot be written, now or later: nothing that goes on can mend it."""

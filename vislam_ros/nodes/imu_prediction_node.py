@@ -34,7 +34,6 @@ class ImuPredictionNode(Node):
         super().__init__("imu_prediction_node", **options)
         self._settings = declare_settings(self, PredictionNodeSettings)
         self.core = DeadReckoning(declare_settings(self, PredictionSettings))
-        warn_of_undeclared_overrides(self)
         self._frames = Frames(odom=self._settings.odom_frame, base=self._settings.base_frame)
         self._pairs = StampPairs(self._refuse_unpaired)
         self._latest: Prediction | None = None
@@ -45,6 +44,7 @@ class ImuPredictionNode(Node):
         self.monitor.subscribe(TWIST, self.on_twist)
         if self._settings.angular_velocity_source == "imu":
             self.monitor.subscribe(IMU, self.on_imu)
+        warn_of_undeclared_overrides(self)
 
     def on_twist(self, message: TwistWithCovarianceStamped) -> None:
         """Predict, at once or when the angular velocity of this stamp is here."""

@@ -30,7 +30,13 @@ from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor
-from vislam_ros.nodes.parameters import declare_settings, declare_slam_settings
+from vislam_ros.nodes.parameters import (
+    declare_settings,
+    declare_slam_settings,
+    estimator_overrides,
+    warn_of_undeclared_overrides,
+)
+from vislam_ros.nodes.recorder.map_request import map_answer
 from vislam_ros.nodes.settings import SlamNodeSettings, SlamOutputSettings
 from vislam_ros.nodes.slam_report import SlamReport, step_values
 from vislam_ros.nodes.spin import run
@@ -61,6 +67,7 @@ class SlamNode(Node):
         self._received_at: dict[int, float] = {}
         self._last_stamp: int | None = None
         self._landmarks_published: tuple[int, float] | None = None  # data stamp, clock
+        self._published_stamp: int | None = None
         self._path: deque[Any] = deque(maxlen=self._output.path_length)
         self._report = SlamReport(self, self.core)
         self.monitor = Monitor(self, self._describe)
@@ -76,6 +83,7 @@ class SlamNode(Node):
         self.monitor.subscribe(layout.FEATURES, self.on_features)
         self.monitor.serve("~/reset", self.reset)
         self.monitor.serve("~/publish_landmarks", self.publish_landmarks)
+        warn_of_undeclared_overrides(self, known=estimator_overrides(self))
 
     def on_calibration(self, topic: Topic, message: CameraInfo | TransformStamped) -> None:
         """Take a camera info or the extrinsics."""
@@ -127,11 +135,16 @@ class SlamNode(Node):
         now = time.monotonic()
         latency_ms = 1e3 * (now - self._received_at.pop(step.stamp, now))
         row = step.row()
+        self._report.add(step, row)
         self.monitor.publish(
             self._steps,
             conversions.status_array(
                 odometry.header.stamp,
-                [conversions.status("slam_step", step_values(row, latency_ms))],
+                [
+                    conversions.status(
+                        "slam_step", step_values(row, latency_ms, self._report.steps)
+                    )
+                ],
                 settings.map_frame,
             ),
         )
@@ -153,7 +166,6 @@ class SlamNode(Node):
         if output.path_length:
             self._path.append((step.stamp, step.position, step.quaternion))
         self._last_stamp = step.stamp
-        self._report.add(step, row)
         if self._is_time_for_landmarks(step.stamp, now):
             self._publish_landmarks(step.stamp, self.core.landmarks())
             self._publish_path(step.stamp)
@@ -171,6 +183,7 @@ class SlamNode(Node):
         message = conversions.landmarks_to_message(stamp, self._settings.map_frame, landmarks)
         self.monitor.publish(self._landmarks, message)
         self._landmarks_published = (stamp, time.monotonic())
+        self._published_stamp = stamp
 
     def _publish_path(self, stamp: int) -> None:
         if self._output.path_length and self._paths.get_subscription_count():
@@ -191,11 +204,19 @@ class SlamNode(Node):
         """
         if self._last_stamp is None:
             raise VislamError("there was no step yet")
+        self.monitor.report()  # who asked may wonder whether there is anybody
         landmarks = self.core.best_landmarks()
         self._publish_landmarks(self._last_stamp, landmarks)
         self._publish_path(self._last_stamp)
         self.monitor.report()
-        return f"{len(landmarks)} landmarks"
+        return map_answer(len(landmarks), self._last_stamp)
+
+    def wind_up(self, *, hurried: bool) -> bool:
+        """Leave the map and the counts as they stand, which nobody can ask for any more."""
+        if self._last_stamp is not None and self._published_stamp != self._last_stamp:
+            self._publish_landmarks(self._last_stamp, self.core.landmarks())
+        self.monitor.report()
+        return True
 
     def _change_output(self, output: SlamOutputSettings) -> None:
         self._output = output

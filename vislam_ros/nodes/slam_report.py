@@ -14,9 +14,10 @@ from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.nodes.diagnostics import stamp_age
 
 _LATENCY = "latency_ms"
+_NUMBER = "number"
 
 
-def step_values(row: Row, latency_ms: float) -> dict[str, object]:
+def step_values(row: Row, latency_ms: float, number: int) -> dict[str, object]:
     """Values of a status on ``slam/steps``.
 
     Parameters
@@ -25,11 +26,13 @@ def step_values(row: Row, latency_ms: float) -> dict[str, object]:
         The step's numbers by column.
     latency_ms : float
         From receiving the features to publishing their pose, milliseconds.
+    number : int
+        How many steps the node has published, this one included.
     """
-    return {**row, _LATENCY: latency_ms}
+    return {**row, _LATENCY: latency_ms, _NUMBER: number}
 
 
-def row_from_values(values: Mapping[str, str]) -> tuple[Row, float]:
+def row_from_values(values: Mapping[str, str]) -> tuple[Row, float, int]:
     """Inverse of :func:`step_values`.
 
     Raises
@@ -43,7 +46,7 @@ def row_from_values(values: Mapping[str, str]) -> tuple[Row, float]:
         )
     try:
         row = {name: _number(KINDS.get(name, float), text) for name, text in values.items()}
-        return row, row.pop(_LATENCY)
+        return row, row.pop(_LATENCY), int(row.pop(_NUMBER))
     except (KeyError, ValueError) as error:
         raise RefusedMessage(Refusal.BAD_FIELDS, f"slam/steps: {error}") from error
 
@@ -62,6 +65,11 @@ class SlamReport:
         self._frozen = 0
         self._recent = StepTotals()
         self._last: SlamStep | None = None
+
+    @property
+    def steps(self) -> int:
+        """How many steps were noted."""
+        return self._total
 
     def add(self, step: SlamStep, row: Row) -> None:
         """Note a step and its numbers by column."""

@@ -58,11 +58,23 @@ def test_a_bag_of_the_other_storage_is_read(bag, small_drive):
 
 
 def test_topics_can_have_other_names(bag, small_drive):
-    foreign = rewritten(bag, unchanged, rename=lambda topic: f"/car{topic}")
-    with pytest.raises(VislamError, match=r"foreign: has no topic /stereo/left.*/car/imu/data"):
+    foreign = rewritten(bag, unchanged, rename=lambda topic: f"{topic}_of_car")
+    with pytest.raises(VislamError, match=r"foreign: has no topic /stereo/left.*/imu/data_of_car"):
         read(foreign)
-    names = {topic.name: f"/car/{topic.name}" for topic in (*NEEDED, GROUND_TRUTH)}
+    names = {topic.name: f"/{topic.name}_of_car" for topic in (*NEEDED, GROUND_TRUTH)}
     assert_same(read(foreign, topics=names), same_but(small_drive))
+
+
+@pytest.mark.parametrize("namespace", ["/fleet/car", "fleet/car/"])
+def test_topics_can_lie_in_a_namespace(bag, small_drive, namespace):
+    foreign = rewritten(bag, unchanged, rename=lambda topic: f"/fleet/car{topic}")
+    with pytest.raises(VislamError, match=r"in the namespace /fleet/car: give that with --namesp"):
+        read(foreign)
+    assert_same(read(foreign, namespace=namespace), same_but(small_drive))
+
+
+def test_a_bag_without_the_namespace_is_read_as_it_stands(bag, small_drive):
+    assert_same(read(bag, namespace="/car"), small_drive)
 
 
 def test_a_topic_that_is_not_read_cannot_be_remapped(bag):

@@ -27,6 +27,7 @@ from vislam_ros.data.bags.layout import (
     Frames,
     Topic,
 )
+from vislam_ros.data.bags.naming import hint, names_in_bag, namespace_of
 from vislam_ros.data.drive import Drive
 from vislam_ros.errors import VislamError
 
@@ -61,6 +62,7 @@ def read_passes(
     *,
     rules: ReadingRules = DEFAULT_RULES,
     topics: Mapping[str, str] | None = None,
+    namespace: str = "",
 ) -> tuple[Drive, ...]:
     """Read a bag: a drive for each pass, one where its stamps never begin anew.
 
@@ -75,6 +77,8 @@ def read_passes(
     topics : mapping of str to str, optional
         The bag's name for a topic of :mod:`vislam_ros.data.bags.layout`, such as
         ``{TWIST.name: "/car/twist"}``.
+    namespace : str
+        Of the robot, such as ``/robot1`` (see :mod:`vislam_ros.data.bags.naming`).
 
     Raises
     ------
@@ -83,15 +87,26 @@ def read_passes(
         message on it.
     """
     with BagMessages(path) as bag:
-        reading = _Reading(bag, rules, topics or {})
+        reading = _Reading(bag, rules, topics, namespace)
         for _ in reading.messages():
             pass
     reading.require_usable()
     return reading.drives(*_provenance(path))
 
 
-def check_readable(path: Path, *, rules: ReadingRules = DEFAULT_RULES) -> None:
+def check_readable(
+    path: Path,
+    *,
+    rules: ReadingRules = DEFAULT_RULES,
+    topics: Mapping[str, str] | None = None,
+    namespace: str = "",
+) -> dict[Topic, str]:
     """Read a bag until each needed topic has had a usable message, and no further.
+
+    Returns
+    -------
+    dict of Topic to str
+        What the bag calls the topics of a drive.
 
     Raises
     ------
@@ -99,22 +114,34 @@ def check_readable(path: Path, *, rules: ReadingRules = DEFAULT_RULES) -> None:
         Where :func:`read_passes` would, and in the same words.
     """
     with BagMessages(path) as bag:
-        reading = _Reading(bag, rules, {})
+        reading = _Reading(bag, rules, topics, namespace)
         for _ in reading.messages():
             if not reading.unusable():
-                return
+                break
     reading.require_usable()
+    return reading.names
 
 
 class _Reading:
     """Sorts the messages of a bag into passes."""
 
-    def __init__(self, bag: BagMessages, rules: ReadingRules, remapped: Mapping[str, str]):
+    def __init__(
+        self,
+        bag: BagMessages,
+        rules: ReadingRules,
+        renamed: Mapping[str, str] | None,
+        namespace: str,
+    ):
         self._bag = bag
         self._rules = rules
         imu = (IMU,) if rules.imu_turns else ()
         self._needed = (*CALIBRATION_TOPICS, *imu, TWIST, FEATURES)
-        self._names = _recorded_names((*self._needed, GROUND_TRUTH), remapped)
+        self.names = names_in_bag(
+            (*self._needed, GROUND_TRUTH),
+            [connection.topic for connection in bag.connections],
+            namespace_of(namespace),
+            renamed,
+        )
         self._topics = self._present()
         self._calibration = Calibration(rules.frames)
         self._first_camera: StereoCamera | None = None
@@ -134,13 +161,13 @@ class _Reading:
         """Topics of a drive by their names in the bag."""
         msgtypes = {connection.topic: connection.msgtype for connection in self._bag.connections}
         topics = {}
-        for topic, name in self._names.items():
+        for topic, name in self.names.items():
             if name not in msgtypes:
                 if topic is GROUND_TRUTH:
                     continue
                 raise VislamError(
-                    f"{self._bag.path}: has no topic {name} ({topic.msgtype}): remap {topic.name} "
-                    f"to one that it has: {', '.join(sorted(msgtypes)) or 'none'}"
+                    f"{self._bag.path}: has no topic {name} ({topic.msgtype}): "
+                    f"{hint(topic, msgtypes)}"
                 )
             if msgtypes[name] != topic.msgtype:
                 raise VislamError(
@@ -199,7 +226,7 @@ class _Reading:
         topics_of: dict[str, list[str]] = defaultdict(list)
         for topic in self.unusable():
             reason = ", ".join(sorted(self._faults[topic])) or "it is empty"
-            topics_of[reason].append(self._names[topic])
+            topics_of[reason].append(self.names[topic])
         if topics_of:
             reasons = [
                 f"no usable message on {' and '.join(names)}: {reason}"
@@ -222,7 +249,7 @@ class _Reading:
 
     def _notes_on_truth(self) -> Iterator[str]:
         for reason, count in sorted(self._faults[GROUND_TRUTH].items()):
-            messages = f"message{'s' if count > 1 else ''} of {self._names[GROUND_TRUTH]}"
+            messages = f"message{'s' if count > 1 else ''} of {self.names[GROUND_TRUTH]}"
             yield f"Skipped {count} {messages}: {reason}."
 
 
@@ -244,21 +271,6 @@ def _with_motion(passes: Sequence[GatheredPass]) -> list[GatheredPass]:
             gathered.refused, carried = carried, RefusalCounts()
     kept[-1].refused.merge(carried)
     return kept
-
-
-def _recorded_names(topics: Sequence[Topic], remapped: Mapping[str, str]) -> dict[Topic, str]:
-    """Each topic's name in the bag."""
-    known = {topic.name: topic for topic in topics}
-    names = {topic: topic.recorded for topic in topics}
-    for ours, recorded in remapped.items():
-        topic = known.get(ours.lstrip("/"))
-        if topic is None:
-            raise VislamError(
-                f"topic {ours!r} cannot be remapped: choose from "
-                + ", ".join(topic.name for topic in names)
-            )
-        names[topic] = recorded if recorded.startswith("/") else f"/{recorded}"
-    return names
 
 
 def _provenance(path: Path) -> tuple[str, list[str]]:

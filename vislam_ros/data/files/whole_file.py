@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that are either whole or not there: written beside their place, then renamed into it."""
 
+from contextlib import suppress
 from pathlib import Path
 
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import OutputError, VislamError
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:
@@ -18,12 +19,14 @@ def replace_file(path: Path, content: bytes) -> None:
 
     Raises
     ------
-    VislamError
-        Where it cannot be written.
+    OutputError
+        Where it cannot be written; nothing is left of the attempt.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
         temporary.write_bytes(content)
         temporary.replace(path)
     except OSError as error:
-        raise VislamError(f"{path}: cannot write this file: {error.strerror}") from error
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise OutputError(f"{path}: cannot write this file: {error.strerror}") from error

@@ -19,6 +19,9 @@ from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.message_log import MessageLog
 from vislam_ros.data.results.writer import ResultWriter, pass_directory
 
+#: How the reason begins why a run is incomplete whose recorder was told to end.
+STOPPED = "the recorder was stopped"
+
 
 def map_patience(steps: int) -> float:
     """Seconds to wait for the map after so many steps: the way back over the drive takes some.
@@ -109,9 +112,11 @@ class _Pass:
         if self.finished:
             return
         self.finished = True
-        if self.log is not None:
-            self.log.close()
-        self.writer.finish(complete=complete, incomplete_reason=reason)
+        try:
+            if self.log is not None:
+                self.log.close()
+        finally:
+            self.writer.finish(complete=complete, incomplete_reason=reason)
 
 
 class Recording:
@@ -128,6 +133,8 @@ class Recording:
     Raises
     ------
     VislamError
+        Where the directory is in use.
+    OutputError
         From any method, where a file cannot be written.
     """
 
@@ -264,8 +271,16 @@ class Recording:
 
     def finish(self, *, complete: bool, reason: str | None = None) -> None:
         """Close all files, saying whether the run ended whole and, if not, why."""
-        self._finish_previous()
-        self._current.finish(complete=complete, reason=reason)
+        try:
+            self._finish_previous()
+        finally:
+            self._current.finish(complete=complete, reason=reason)
+
+    def announce_end(self, reason: str) -> None:
+        """Say on disk why the run will have ended early; what still comes is written."""
+        if not self._current.finished:
+            self._current.writer.summary.incomplete_reason = reason
+            self._current.writer.flush()
 
     def _begin_pass(self, *, jumped: bool) -> None:
         self._finish_previous()
