@@ -103,7 +103,8 @@ class Slam:
     def _clear(self) -> None:
         """Forget all messages and the estimate, but not the camera."""
         streams = (Stream.PREDICTION, Stream.FEATURES)
-        self._passes = Passes(dict.fromkeys(streams, self._settings.time_jump))
+        time_jumps = dict.fromkeys(streams, self._settings.time_jump)
+        self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
         self._pending: deque[_PendingFrame] = deque()
         self._begin_pass(0)
@@ -124,19 +125,21 @@ class Slam:
 
     @property
     def waiting(self) -> tuple[int, ...]:
-        """Stamps (ns) of the feature frames that wait for their prediction or for the camera."""
-        return tuple(frame.stamp for frame in self._pending)
+        """Stamps (ns) of the feature frames that are neither answered nor refused yet.
+
+        They wait for their prediction, the camera, or a frame that confirms their stamp.
+        """
+        pending = (frame.stamp for frame in self._pending)
+        return (*pending, *self._passes.held(Stream.FEATURES))
 
     @property
-    def waits_for(self) -> Refusal:
-        """Reason to refuse the frames that wait, if nothing more is to come."""
-        return Refusal.NO_CAMERA if self._camera is None else Refusal.NO_PREDICTION
-
-    def refuse_waiting(self) -> None:
-        """Give up the frames that wait: nothing more is to come."""
+    def refused_if_over(self) -> RefusalCounts:
+        """What will be refused besides if nothing more comes."""
+        over = self._passes.refused_if_over()
+        waits_for = Refusal.NO_CAMERA if self._camera is None else Refusal.NO_PREDICTION
         for frame in self._pending:
-            self.refused.add(Stream.FEATURES, self.waits_for, frame.stamp)
-        self._pending.clear()
+            over.add(Stream.FEATURES, waits_for, frame.stamp)
+        return over
 
     def reset(self) -> None:
         """Begin anew with the next features message, as at the start."""
@@ -180,12 +183,13 @@ class Slam:
         """
         try:
             check_pose(position, quaternion)
-            number = self._passes.enter(Stream.PREDICTION, stamp)
         except RefusedMessage as error:
             self.refused.add(Stream.PREDICTION, error.refusal, stamp)
             return []
-        path = self._paths.setdefault(number, PredictedPath(self._settings))
-        path.add(stamp, se3.pose_matrix(position, quaternion))
+        T = se3.pose_matrix(position, quaternion)
+        for number, entered, T_odom_body in self._passes.enter(Stream.PREDICTION, stamp, T):
+            path = self._paths.setdefault(number, PredictedPath(self._settings))
+            path.add(entered, T_odom_body)
         return self._advance()
 
     def add_features(self, stamp: int, ids: ArrayLike, pixels: ArrayLike) -> list[SlamStep]:
@@ -208,14 +212,16 @@ class Slam:
         pixels = np.asarray(pixels, dtype=np.float32)
         try:
             check_features(ids, pixels)
-            if len(self._pending) >= self._settings.max_pending:
-                raise RefusedMessage(Refusal.QUEUE_FULL)
-            number = self._passes.enter(Stream.FEATURES, stamp)
         except RefusedMessage as error:
             self.refused.add(Stream.FEATURES, error.refusal, stamp)
             return []
         chosen = _chosen(ids, self._settings.feature_fraction, self._settings.seed)
-        self._pending.append(_PendingFrame(number, stamp, ids[chosen], pixels[chosen]))
+        frame = ids[chosen], pixels[chosen]
+        for number, entered, content in self._passes.enter(Stream.FEATURES, stamp, frame):
+            if len(self._pending) < self._settings.max_pending:
+                self._pending.append(_PendingFrame(number, entered, *content))
+            else:
+                self.refused.add(Stream.FEATURES, Refusal.QUEUE_FULL, entered)
         return self._advance()
 
     def landmarks(self) -> LandmarkMap:
