@@ -132,6 +132,23 @@ def test_features_wait_for_the_camera():
     assert same(slam.set_camera(CAMERA), EXPECTED)
 
 
+def test_a_changed_camera_holds_from_the_next_pass_on():
+    slam, steps = session(), []
+    other = dataclasses.replace(CAMERA, fx=CAMERA.fx + 50.0, fx_baseline=CAMERA.fx_baseline * 1.5)
+    for k, (prediction, frame) in enumerate(zip(PREDICTIONS, FEATURES, strict=True)):
+        assert slam.has_begun == (k > 1)
+        if k == 6:
+            slam.set_camera(other)
+        steps += slam.add_prediction(*prediction)
+        steps += slam.add_features(*frame)
+    assert same(steps, EXPECTED)
+    slam.reset()
+    assert not slam.has_begun
+    with_other = Slam(SlamSettings())
+    with_other.set_camera(other)
+    assert same(play(slam), play(with_other))
+
+
 def test_a_lost_prediction_loses_no_step():
     slam, steps = session(), []
     for k, (prediction, frame) in enumerate(zip(PREDICTIONS, FEATURES, strict=True)):

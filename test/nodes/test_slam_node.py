@@ -338,21 +338,6 @@ def test_what_is_published_may_change_at_run_time_but_not_the_filter(node):
     assert not node.set_parameters([Parameter("map_frame", value="m")])[0].successful
 
 
-def test_a_camera_that_is_no_pair_is_refused_and_a_right_one_taken(node, capture, drive):
-    published = capture(node)
-    good = copy.deepcopy(drive.right)
-    drive.right.p[0] += 1.0
-    for topic, message in drive.calibration:
-        send(node, topic, message)
-    for k in range(2):
-        node.on_prediction(drive.predictions[k])
-        node.on_features(drive.features[k])
-    assert node.monitor.refused.counts == {"camera_info_not_a_pair": 1}
-    assert not published[ODOMETRY]
-    send(node, layout.RIGHT_CAMERA, good)
-    assert len(published[ODOMETRY]) == 2
-
-
 def test_localization_takes_its_map_from_a_file(make_node, capture, drive, tmp_path, node):
     predictions_first(drive, node)
     write_landmarks(tmp_path / "landmarks.npz", node.core.landmarks())

@@ -113,6 +113,7 @@ class Slam:
         settings = self._settings
         self._pass = pass_number
         self._estimator: Estimator | None = None
+        self._camera_in_use: StereoCamera | None = None
         smoothable = self._registration.smoothable
         self._tape = Tape() if self._record and smoothable else None
         self._stamps: list[int] = []
@@ -131,6 +132,11 @@ class Slam:
         """
         pending = (frame.stamp for frame in self._pending)
         return (*pending, *self._passes.held(Stream.FEATURES))
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the present pass has had a frame, and with it its camera."""
+        return self._estimator is not None
 
     @property
     def refused_if_over(self) -> RefusalCounts:
@@ -258,7 +264,7 @@ class Slam:
             covered = path is not None and path.reaches(frame.stamp)
             if covered and path is not None and not path.begins_after(frame.stamp):
                 self._pending.popleft()
-                steps.append(self._step(frame, path, self._camera))
+                steps.append(self._step(frame, path))
             elif covered or pass_is_over:
                 # No prediction that is still to come can tell where this frame was taken.
                 self._pending.popleft()
@@ -267,7 +273,7 @@ class Slam:
                 break
         return steps
 
-    def _step(self, frame: _PendingFrame, path: PredictedPath, camera: StereoCamera) -> SlamStep:
+    def _step(self, frame: _PendingFrame, path: PredictedPath) -> SlamStep:
         begin = time.perf_counter()
         if frame.pass_number != self._pass:
             self._keep_map()
@@ -280,9 +286,11 @@ class Slam:
             increment = path.increment(self._last_stamp, frame.stamp)
         first = self._estimator is None
         if self._estimator is None:
-            self._estimator = self._new_estimator(camera)
+            assert self._camera is not None
+            self._camera_in_use = self._camera
+            self._estimator = self._new_estimator(self._camera)
         tracked = self._tracks.observe(
-            frame.ids, frame.pixels, lambda: self._motion_expected(camera, increment)
+            frame.ids, frame.pixels, lambda: self._motion_expected(increment)
         )
         outcome = self._estimator.step(increment, tracked)
         if self._given_map is None:
@@ -324,10 +332,10 @@ class Slam:
         )
         return self._registration.made(self._settings, given)
 
-    def _motion_expected(self, camera: StereoCamera, increment: Increment) -> bool:
+    def _motion_expected(self, increment: Increment) -> bool:
         """Tell whether the predicted motion moves the last frame's pixels noticeably."""
-        pixels = self._tracks.last_pixels().astype(float)
-        if not len(pixels):
+        pixels, camera = self._tracks.last_pixels().astype(float), self._camera_in_use
+        if not len(pixels) or camera is None:
             return False
         y = pixels[:, [0, 2, 1]]
         T_new_old = camera.T_camera_body @ se3.inverse(increment.T) @ camera.T_body_camera

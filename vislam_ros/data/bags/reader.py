@@ -15,7 +15,7 @@ from vislam_ros.core.tracking.refusals import Refusal, RefusalCounts, RefusedMes
 from vislam_ros.core.tracking.time_order import Passes, TimeOrder
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.bag_messages import BagMessages
-from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration, differences
 from vislam_ros.data.bags.gathered_pass import Array, GatheredPass
 from vislam_ros.data.bags.layout import (
     DEFAULT_FRAMES,
@@ -121,6 +121,7 @@ class _Reading:
         self._topics = self._present()
         self._calibration = Calibration(rules.frames)
         self._first_camera: StereoCamera | None = None
+        self._camera_changes: list[str] = []
         self._order = Passes(
             {
                 Stream.TWIST: rules.twist_time_jump,
@@ -195,8 +196,12 @@ class _Reading:
             for believed in self._truth_order.enter(pose[0], pose):
                 self._truth_pass += believed.begins_pass
                 self._passes[self._truth_pass].poses.append(believed.message)
-        elif camera := self._calibration.add(topic, message):
+        else:
+            before = self._calibration.camera
+            camera = self._calibration.add(topic, message)
             self._first_camera = self._first_camera or camera
+            if before and camera:
+                self._camera_changes.append(differences(before, camera))
 
     def _enter(self, stream: Stream, message: T) -> list[tuple[GatheredPass, T]]:
         """Passes and messages, with their stamps first, that are believed with this one."""
@@ -229,7 +234,11 @@ class _Reading:
     def drives(self, name: str, notes: Sequence[str]) -> tuple[Drive, ...]:
         """Drives of the passes in which the motion reaches a frame, or of the first one."""
         assert self._first_camera is not None
-        notes = [*notes, *self._notes_on_truth()]
+        changes = (
+            f"The calibration changes ({change}): a pass keeps the one that it begins with."
+            for change in self._camera_changes
+        )
+        notes = [*notes, *self._notes_on_truth(), *changes]
         passes = [gathered for _, gathered in sorted(self._passes.items())]
         for gathered in passes:
             gathered.sort(imu_turns=self._rules.imu_turns)
