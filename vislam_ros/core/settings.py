@@ -74,8 +74,9 @@ class MotionSettings:
     )
     time_jump: float = setting(
         1.0,
-        "A stamp that lies more than this before the newest begins a new pass, as a looping bag "
-        "does; a smaller step back is a late message: refused live, sorted in offline [s]",
+        "A stamp that lies more than this from the newest is believed only with the next message "
+        "near it: ahead after a hole, back as the begin of a new pass; a smaller step back is a "
+        "late message: refused live, sorted in offline [s]",
         minimum=0.0,
     )
 

@@ -104,7 +104,8 @@ class Slam:
     def _clear(self) -> None:
         """Forget all messages and the estimate, but not the camera."""
         streams = (Stream.PREDICTION, Stream.FEATURES)
-        self._passes = Passes(dict.fromkeys(streams, self._settings.time_jump))
+        time_jumps = dict.fromkeys(streams, self._settings.time_jump)
+        self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
         self._pending: deque[_PendingFrame] = deque()
         self._begin_pass(0)
@@ -113,6 +114,7 @@ class Slam:
         settings = self._settings
         self._pass = pass_number
         self._estimator: Estimator | None = None
+        self._camera_in_use: StereoCamera | None = None
         smoothable = self._registration.smoothable
         self._tape = Tape() if self._record and smoothable else None
         self._stamps: list[int] = []
@@ -126,19 +128,26 @@ class Slam:
 
     @property
     def waiting(self) -> tuple[int, ...]:
-        """Stamps (ns) of the feature frames that wait for their prediction or for the camera."""
-        return tuple(frame.stamp for frame in self._pending)
+        """Stamps (ns) of the feature frames that are neither answered nor refused yet.
+
+        They wait for their prediction, the camera, or a frame that confirms their stamp.
+        """
+        pending = (frame.stamp for frame in self._pending)
+        return (*pending, *self._passes.held(Stream.FEATURES))
 
     @property
-    def waits_for(self) -> Refusal:
-        """Reason to refuse the frames that wait, if nothing more is to come."""
-        return Refusal.NO_CAMERA if self._camera is None else Refusal.NO_PREDICTION
+    def has_begun(self) -> bool:
+        """Whether the present pass has had a frame, and with it its camera."""
+        return self._estimator is not None
 
-    def refuse_waiting(self) -> None:
-        """Give up the frames that wait: nothing more is to come."""
+    @property
+    def refused_if_over(self) -> RefusalCounts:
+        """What will be refused besides if nothing more comes."""
+        over = self._passes.refused_if_over()
+        waits_for = Refusal.NO_CAMERA if self._camera is None else Refusal.NO_PREDICTION
         for frame in self._pending:
-            self.refused.add(Stream.FEATURES, self.waits_for, frame.stamp)
-        self._pending.clear()
+            over.add(Stream.FEATURES, waits_for, frame.stamp)
+        return over
 
     def reset(self) -> None:
         """Begin anew with the next features message, as at the start."""
@@ -182,12 +191,13 @@ class Slam:
         """
         try:
             check_pose(position, quaternion)
-            number = self._passes.enter(Stream.PREDICTION, stamp)
         except RefusedMessage as error:
             self.refused.add(Stream.PREDICTION, error.refusal, stamp)
             return []
-        path = self._paths.setdefault(number, PredictedPath(self._settings))
-        path.add(stamp, se3.pose_matrix(position, quaternion))
+        T = se3.pose_matrix(position, quaternion)
+        for number, entered, T_odom_body in self._passes.enter(Stream.PREDICTION, stamp, T):
+            path = self._paths.setdefault(number, PredictedPath(self._settings))
+            path.add(entered, T_odom_body)
         return self._advance()
 
     def add_features(self, stamp: int, ids: ArrayLike, pixels: ArrayLike) -> list[SlamStep]:
@@ -210,14 +220,16 @@ class Slam:
         pixels = np.asarray(pixels, dtype=np.float32)
         try:
             check_features(ids, pixels)
-            if len(self._pending) >= self._settings.max_pending:
-                raise RefusedMessage(Refusal.QUEUE_FULL)
-            number = self._passes.enter(Stream.FEATURES, stamp)
         except RefusedMessage as error:
             self.refused.add(Stream.FEATURES, error.refusal, stamp)
             return []
         chosen = _chosen(ids, self._settings.feature_fraction, self._settings.seed)
-        self._pending.append(_PendingFrame(number, stamp, ids[chosen], pixels[chosen]))
+        frame = ids[chosen], pixels[chosen]
+        for number, entered, content in self._passes.enter(Stream.FEATURES, stamp, frame):
+            if len(self._pending) < self._settings.max_pending:
+                self._pending.append(_PendingFrame(number, entered, *content))
+            else:
+                self.refused.add(Stream.FEATURES, Refusal.QUEUE_FULL, entered)
         return self._advance()
 
     def landmarks(self) -> LandmarkMap:
@@ -254,7 +266,7 @@ class Slam:
             covered = path is not None and path.reaches(frame.stamp)
             if covered and path is not None and not path.begins_after(frame.stamp):
                 self._pending.popleft()
-                steps.append(self._step(frame, path, self._camera))
+                steps.append(self._step(frame, path))
             elif covered or pass_is_over:
                 # No prediction that is still to come can tell where this frame was taken.
                 self._pending.popleft()
@@ -263,7 +275,7 @@ class Slam:
                 break
         return steps
 
-    def _step(self, frame: _PendingFrame, path: PredictedPath, camera: StereoCamera) -> SlamStep:
+    def _step(self, frame: _PendingFrame, path: PredictedPath) -> SlamStep:
         begin = time.perf_counter()
         if frame.pass_number != self._pass:
             self._keep_map()
@@ -276,11 +288,13 @@ class Slam:
             increment = path.increment(self._last_stamp, frame.stamp)
         first = self._estimator is None
         if self._estimator is None:
-            self._estimator = self._new_estimator(camera)
+            assert self._camera is not None
+            self._camera_in_use = self._camera
+            self._estimator = self._new_estimator(self._camera)
         tracked = self._tracks.observe(
             frame.ids,
             frame.pixels,
-            lambda: self._motion_expected(camera, increment),
+            lambda: self._motion_expected(increment),
             missed=self._frames_missed(increment),
         )
         outcome = self._estimator.step(increment, tracked)
@@ -330,10 +344,10 @@ class Slam:
         self._frame_rate.add(increment.duration)
         return self._frame_rate.missed(increment.duration)
 
-    def _motion_expected(self, camera: StereoCamera, increment: Increment) -> bool:
+    def _motion_expected(self, increment: Increment) -> bool:
         """Tell whether the predicted motion moves the last frame's pixels noticeably."""
-        pixels = self._tracks.last_pixels().astype(float)
-        if not len(pixels):
+        pixels, camera = self._tracks.last_pixels().astype(float), self._camera_in_use
+        if not len(pixels) or camera is None:
             return False
         y = pixels[:, [0, 2, 1]]
         T_new_old = camera.T_camera_body @ se3.inverse(increment.T) @ camera.T_body_camera

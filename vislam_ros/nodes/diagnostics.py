@@ -267,6 +267,14 @@ def _decoded(topic: Topic, data: bytes) -> Any:
         raise RefusedMessage(Refusal.UNDECODABLE) from error
 
 
+def values_if_over(over: RefusalCounts) -> dict[str, object]:
+    """Values of a report on what will be refused if nothing more comes."""
+    first_stamps = over.first_stamps.items()
+    return {f"at end refused {word}": n for word, n in over.counts.items()} | {
+        f"at end first {word} [s]": stamp_text(stamp) for word, stamp in first_stamps
+    }
+
+
 def stamp_age(node: Node, stamp: int) -> float:
     """Seconds by which the node's clock is ahead of a stamp (ns)."""
     return (node.get_clock().now().nanoseconds - stamp) * 1e-9

@@ -24,7 +24,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import SlamStep
 from vislam_ros.data.bags import decoding, layout
-from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration, differences
 from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
@@ -87,9 +87,16 @@ class SlamNode(Node):
 
     def on_calibration(self, topic: Topic, message: CameraInfo | TransformStamped) -> None:
         """Take a camera info or the extrinsics."""
+        before = self._calibration.camera
         camera = self._calibration.add(topic, message)
-        if camera is not None:
-            self._publish(self.core.set_camera(camera))
+        if camera is None:
+            return
+        if before is not None:
+            when = "the next pass or reset" if self.core.has_begun else "the first frame"
+            self.get_logger().warning(
+                f"the calibration changed ({differences(before, camera)}): it holds from {when} on"
+            )
+        self._publish(self.core.set_camera(camera))
 
     def on_prediction(self, message: Odometry) -> None:
         """Take a predicted pose."""

@@ -10,8 +10,7 @@ from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import KINDS, Row, SlamStep, StepTotals
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.results.summary import peak_rss_mb
-from vislam_ros.data.trajectory import stamp_text
-from vislam_ros.nodes.diagnostics import stamp_age
+from vislam_ros.nodes.diagnostics import stamp_age, values_if_over
 
 _LATENCY = "latency_ms"
 _NUMBER = "number"
@@ -87,9 +86,7 @@ class SlamReport:
             "resets": self._core.resets,
             "features waiting": len(self._core.waiting),
         }
-        if self._core.waiting:
-            values["first waiting [s]"] = stamp_text(self._core.waiting[0])
-            values["waiting would be"] = self._core.waits_for.word
+        values.update(values_if_over(self._core.refused_if_over))
         if self._last is not None:
             values["stamp age [s]"] = stamp_age(self._node, self._last.stamp)
             values["active landmarks"] = self._last.active
