@@ -3,8 +3,8 @@
 """The drive that a command is given, with progress and the reader's notes."""
 
 import argparse
-import sys
 
+from vislam_ros.cli.lines import tell
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.reader import ReadingRules
 from vislam_ros.data.datasets.conventions import Conventions
@@ -41,4 +41,4 @@ def conventions(arguments: argparse.Namespace) -> Conventions:
 def print_notes(drive: Drive) -> None:
     """Print what the reader repaired or left out."""
     for note in drive.notes:
-        print(f"note: {note}", file=sys.stderr)
+        tell(f"note: {note}")

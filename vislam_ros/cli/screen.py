@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vislam_ros.core.filters.quantities import OF_ROBOCENTRIC
+from vislam_ros.errors import one_line
 
 _SUMMARY_ROWS = (
     ("estimator", "estimator", "{}"),
@@ -62,11 +63,11 @@ def progress_bar(
 
 def print_table(title: str, rows: Mapping[str, str]) -> None:
     """Print names and values."""
-    table = Table(title=Text(title), title_justify="left", show_header=False)
+    table = Table(title=Text(one_line(title)), title_justify="left", show_header=False)
     table.add_column()
     table.add_column(justify="right")
     for name, value in rows.items():
-        table.add_row(Text(name), Text(value))
+        table.add_row(Text(name), Text(one_line(value)))
     Console().print(table)
 
 

@@ -5,6 +5,7 @@
 import argparse
 
 from vislam_ros.cli.exit_codes import OK
+from vislam_ros.cli.lines import answer
 from vislam_ros.data.pictures.results import plot_results
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.data.trajectory import read_tum
@@ -19,5 +20,5 @@ def run(arguments: argparse.Namespace) -> int:
         force=arguments.force,
     )
     for picture in pictures:
-        print(picture)
+        answer(str(picture))
     return OK

@@ -10,7 +10,6 @@ import argparse
 import json
 import os
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -22,6 +21,7 @@ from typing import NoReturn
 from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.ending import PassResults, print_passes, require_complete
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
+from vislam_ros.cli.lines import tell
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters, shared_file
 from vislam_ros.cli.processes import Child, Children
 from vislam_ros.cli.reading import conventions, print_notes, use_format
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         passes = _end_summaries(results, started, arguments.data.stem)
     print_passes(passes)
     if isinstance(error, KeyboardInterrupt):
-        print(f"interrupted: what there is stands in {results}", file=sys.stderr)
+        tell(f"interrupted: what there is stands in {results}")
         return INTERRUPTED
     if error is not None:
         raise error
@@ -273,4 +273,4 @@ def _draw(directory: Path) -> None:
     try:
         plot_results(read_results(directory), force=True)
     except VislamError as error:
-        print(f"warning: no picture: {error}", file=sys.stderr)
+        tell(f"warning: no picture: {error}")
