@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import yaml
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -90,8 +89,8 @@ def _described(arguments: argparse.Namespace) -> SweepFile:
 def _values(name: str, text: str) -> tuple[object, ...]:
     """Values of ``--set NAME=V1,V2``, each as a parameter file writes it."""
     try:
-        return swept_values(parse_yaml(f"[{text}]"))
-    except (yaml.YAMLError, ValueError, TypeError) as error:
+        return swept_values(parse_yaml(f"[{text}]", "--set"))
+    except (VislamError, TypeError) as error:
         raise VislamError(f"--set {name}={text}: these are no values with commas") from error
 
 

@@ -11,9 +11,13 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
 from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
+from vislam_ros.data.bags.claims import mcap_claim
 from vislam_ros.data.bags.layout import CHECKSUMS, PROVENANCE
+from vislam_ros.data.files.inputs import open_input
 from vislam_ros.errors import VislamError
 
+# Of more files than any bag has [bytes].
+_LARGEST_CHECKSUMS = 1 << 22
 _LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")
 
 
@@ -43,7 +47,7 @@ class VerifyReport:
 def file_sha256(path: Path) -> str:
     """SHA-256 of a file, 64 hexadecimal digits."""
     digest = hashlib.sha256()
-    with path.open("rb") as file:
+    with open_input(path) as file:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
@@ -115,10 +119,11 @@ def _checksum_text(digests: dict[str, str]) -> str:
 
 def _checksum_faults(bag: Path) -> list[str]:
     try:
-        recorded = (bag / CHECKSUMS).read_bytes()
+        with open_input(bag / CHECKSUMS) as file:
+            recorded = file.read(_LARGEST_CHECKSUMS)
         actual = _digests(bag)
-    except OSError as error:
-        return [f"{Path(error.filename).name}: cannot be read: {error.strerror}"]
+    except VislamError as error:
+        return [str(error).removeprefix(f"{bag}/")]
     if recorded == _checksum_text(actual).encode():
         return []
     faults = []
@@ -142,7 +147,7 @@ def _structure_faults(path: Path) -> list[str]:
     faults = [
         f"{file.name}: {fault}"
         for file in files
-        if file.suffix == ".mcap" and (fault := _mcap_fault(file))
+        if file.suffix == ".mcap" and (fault := mcap_claim(file) or _mcap_fault(file))
     ]
     if faults:
         return faults
@@ -160,7 +165,7 @@ def _structure_faults(path: Path) -> list[str]:
 def _mcap_fault(file: Path) -> str | None:
     """Read an MCAP file from its first byte to its last, with every CRC that it carries."""
     try:
-        with file.open("rb") as stream:
+        with open_input(file, "this bag") as stream:
             for record in StreamReader(stream, validate_crcs=True).records:
                 if isinstance(record, Message):
                     continue
