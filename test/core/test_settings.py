@@ -24,7 +24,7 @@ def test_values_arrive_in_the_type_of_the_field():
     [
         ({"chi_gate": 1.0}, ["chi_gate", "no such parameter", "did you mean chi2_gate?"]),
         ({"chi2_gate": "high"}, ["chi2_gate", "'high'", "number"]),
-        ({"chi2_gate": -1.0}, ["chi2_gate", "-1.0", "at least 0"]),
+        ({"chi2_gate": -1.0}, ["chi2_gate", "-1.0", "between 0.0 and"]),
         ({"chi2_gate": float("nan")}, ["chi2_gate", "nan", "finite"]),
         ({"retire_after": 1.5}, ["retire_after", "1.5", "whole number"]),
         ({"retire_after": True}, ["retire_after", "True", "whole number"]),

@@ -32,6 +32,11 @@ def require_complete(passes: Sequence[PassResults]) -> None:
     for directory, summary in passes:
         if not summary["complete"]:
             raise VislamError(f"{directory}: incomplete: {summary['incomplete_reason']}")
+    if left_out := sum(summary["left_out"] for _, summary in passes):
+        tell(
+            f"warning: {left_out} observations left out: frames have more new tracks than "
+            "max_active has room for"
+        )
     _, last = passes[-1]
     if last["refused"]:
         refused = describe_refused(last["refused"], last["refused_first"])

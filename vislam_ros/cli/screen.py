@@ -22,6 +22,7 @@ _SUMMARY_ROWS = (
     ("landmarks", "landmarks", "{}"),
     ("tracks", "tracks", "{}"),
     ("observations", "observations", "{}"),
+    ("left_out", "left out by max_active", "{}"),
     ("rejected_fraction", "rejected", "{:.2%}"),
     ("nis_per_dof", "NIS per degree of freedom", "{:.2f}"),
     ("estimates", "", ""),
@@ -76,7 +77,7 @@ def print_summary(title: str, summary: Mapping[str, Any]) -> None:
     rows = {}
     for key, label, style in _SUMMARY_ROWS:
         value = summary.get(key)
-        if value is None or value == {}:
+        if value is None or value == {} or (key == "left_out" and not value):
             continue
         if key == "estimates":
             rows.update(_estimate_rows(value))

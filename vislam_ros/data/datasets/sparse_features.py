@@ -15,8 +15,8 @@ from vislam_ros.errors import VislamError
 ABSENT = -1.0
 
 # A pixel has a mantissa full of noise, and hardly packs; in memory it takes more than in a file.
-# A stored byte stands for no more pixels than this, and any file may have some.
-_MOST_PIXELS_OF_A_BYTE, _ALWAYS_PIXELS = 4, 1_000_000
+# So a stored byte stands for no more pixels than this, or for these where they are few or some.
+_PIXELS_OF_A_BYTE, _FEW, _SOME_OF_A_BYTE, _SOME = 4, 1 << 20, 16, 1 << 25
 
 Progress = Callable[[float], None]
 
@@ -65,7 +65,9 @@ def gather_observations(stream: ArrayStream, progress: Progress | None = None) -
     cells: list[list[NDArray[np.int64]]] = [[], [], [], []]
     values: list[list[NDArray[np.float32]]] = [[], [], [], []]
     start = 0
-    pixels_left = _ALWAYS_PIXELS + _MOST_PIXELS_OF_A_BYTE * stream.stored
+    pixels_left = max(
+        _PIXELS_OF_A_BYTE * stream.stored, min(_FEW + _SOME_OF_A_BYTE * stream.stored, _SOME)
+    )
     for chunk in stream.chunks:
         (present,) = np.nonzero(chunk != ABSENT)
         pixels_left -= len(present)

@@ -96,6 +96,7 @@ class RunSummary:
             "landmarks": self.landmarks,
             "tracks": self.tracks,
             "observations": totals.observations,
+            "left_out": totals.left_out,
             "rejected_fraction": totals.rejected_fraction,
             "nis_per_dof": totals.nis_per_dof,
             "wall_s": wall_s,
@@ -127,7 +128,8 @@ _TEXT = (str, type(None))
 # Types of what other modules read from a summary; an older one may lack some.
 _TYPES: Mapping[str, tuple[type, ...]] = {
     **dict.fromkeys(("drive", "estimator", "incomplete_reason"), _TEXT),
-    **dict.fromkeys(("steps", "frozen_steps", "landmarks", "tracks", "observations"), _COUNT),
+    **dict.fromkeys(("steps", "frozen_steps", "landmarks", "tracks"), _COUNT),
+    **dict.fromkeys(("observations", "left_out"), _COUNT),
     **dict.fromkeys(("rejected_fraction", "nis_per_dof", "wall_s", "total_s", "drive_s"), _NUMBER),
     **dict.fromkeys(("realtime_factor", "step_ms_p50", "step_ms_p99", "peak_rss_mb"), _NUMBER),
     **dict.fromkeys(("latency_ms_p50", "latency_ms_p99"), _NUMBER),
