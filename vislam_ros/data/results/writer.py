@@ -13,6 +13,7 @@ import json
 import os
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -23,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.step import Row
 from vislam_ros.data.files.parameter_file import write_parameters
-from vislam_ros.data.files.whole_file import replace_file
+from vislam_ros.data.files.whole_file import make_directory, remove_directories, replace_file
 from vislam_ros.data.results.landmark_map import write_landmarks, write_point_cloud
 from vislam_ros.data.results.summary import RunSummary
 from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line, tum_text
@@ -79,7 +80,8 @@ def pass_directories(directory: Path) -> list[Path]:
 class ResultWriter:
     """Writes a result directory; a context manager.
 
-    Leaving the context without :meth:`finish` marks the results as incomplete.
+    Leaving the context without :meth:`finish` marks the results as incomplete, as after an
+    interrupt; an error in it takes them away again.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ class ResultWriter:
         self._finished = False
         try:
             refuse_used(directory, force=force)
-            directory.mkdir(parents=True, exist_ok=True)
+            self._made = make_directory(directory)
             for folder in pass_directories(directory):
                 for name in OWNED_FILES:
                     (folder / name).unlink(missing_ok=True)
@@ -122,7 +124,11 @@ class ResultWriter:
             raise VislamError(
                 f"{directory}: cannot be a result directory: {error.strerror}"
             ) from error
-        self.flush()
+        try:
+            self.flush()
+        except VislamError:
+            self.discard()
+            raise
 
     def __enter__(self) -> "ResultWriter":
         return self
@@ -135,10 +141,23 @@ class ResultWriter:
     ) -> None:
         if self._finished:
             return
+        if kind and issubclass(kind, Exception):
+            self.discard()
+            return
         reason = "the run was left before its end"
         if kind:
             reason = f"{kind.__name__}: {error}".rstrip(": ")
         self.finish(complete=False, incomplete_reason=reason)
+
+    def discard(self) -> None:
+        """Remove what was written, and the directories that were made for it."""
+        self._finished = True
+        for file in self._files.values():
+            file.close()
+        with suppress(OSError):
+            for name in OWNED_FILES:
+                (self.directory / name).unlink(missing_ok=True)
+        remove_directories(self._made)
 
     def add_step(
         self,
