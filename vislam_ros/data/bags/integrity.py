@@ -4,15 +4,17 @@
 
 import hashlib
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
-from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
+from vislam_ros.core.tracking.refusals import RefusedMessage
+from vislam_ros.data.bags.bag_messages import BagConnection, BagMessages, is_bag
 from vislam_ros.data.bags.claims import mcap_claim
-from vislam_ros.data.bags.layout import CHECKSUMS, PROVENANCE
+from vislam_ros.data.bags.layout import CHECKSUMS, PROVENANCE, TOPICS
 from vislam_ros.data.files.inputs import open_input
 from vislam_ros.errors import VislamError
 
@@ -154,12 +156,30 @@ def _structure_faults(path: Path) -> list[str]:
     try:
         with BagMessages(path) as bag:
             expected = sum(connection.count for connection in bag.connections)
-            found = sum(1 for _ in bag.messages())
+            found, no_messages = _look_at_messages(bag)
     except VislamError as error:
-        return [str(error)]
+        return [str(error).removeprefix(f"{path}: ")]
+    faults = [
+        f"{each.topic}: not one of {each.count} messages is a {each.msgtype}"
+        for each in no_messages
+    ]
     if found != expected:
-        return [f"holds {found} messages where its index says {expected}"]
-    return []
+        faults.append(f"holds {found} messages where its index says {expected}")
+    return faults
+
+
+def _look_at_messages(bag: BagMessages) -> tuple[int, list[BagConnection]]:
+    """Count the messages, and name the topics of types in use of which none can be decoded."""
+    in_use = {topic.msgtype for topic in TOPICS}
+    unproven = {each.topic: each for each in bag.connections if each.msgtype in in_use}
+    found = 0
+    for connection, _, data in bag.messages():
+        found += 1
+        if connection.topic in unproven:
+            with suppress(RefusedMessage):
+                bag.decode(connection, data)
+                del unproven[connection.topic]
+    return found, [each for each in unproven.values() if each.count]
 
 
 def _mcap_fault(file: Path) -> str | None:
