@@ -5,6 +5,8 @@
 
 tools/faults.py drive.npz --reference truth.tum
 tools/faults.py drive.npz --reference truth.tum --seconds 2 --places 3 --out results/outages.json
+
+tools/faults.py files gives hostile files of every kind to the commands instead.
 """
 
 import argparse
@@ -13,6 +15,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from reliability import files_command
 from reliability.outages import KINDS, OutageRow, measure_outages, outages
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
@@ -61,6 +64,10 @@ def print_table(rows: list[OutageRow]) -> None:
 
 def main() -> int:
     """Run the command."""
+    if sys.argv[1:2] == ["files"]:
+        parser = argparse.ArgumentParser(prog="faults.py files", description=files_command.__doc__)
+        files_command.add_arguments(parser)
+        return files_command.run_command(parser.parse_args(sys.argv[2:]))
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -51,7 +51,7 @@ class Campaign:
     def run(self, data: bytes) -> None:
         """Read one input."""
         self._file.write_bytes(data)
-        begin = time.perf_counter()
+        begin = time.process_time()
         try:
             self._target.read(self._folder)
             self._read += 1
@@ -60,7 +60,7 @@ class Campaign:
                 self._keep("memory", data, error.__cause__)
         except Exception as error:
             self._keep(type(error).__name__, data, error)
-        seconds = time.perf_counter() - begin
+        seconds = time.process_time() - begin
         self._slowest = max(self._slowest, seconds)
         if seconds > MOST_SECONDS:
             self._keep("slow", data, None, f"{seconds:.1f} s")
