@@ -17,6 +17,7 @@ from vislam_ros.errors import VislamError
 
 #: What an input may take until it is refused.
 MOST_SECONDS, MOST_MEGABYTES = 2.0, 500.0
+_UNFORESEEN = "cannot be read as vislam_ros"
 # The fuzzer ends the process by itself, so what was counted is written down before.
 _REPORT_EVERY, _LOOK_EVERY = 500, 64
 
@@ -56,8 +57,10 @@ class Campaign:
             self._target.read(self._folder)
             self._read += 1
         except VislamError as error:
-            if isinstance(error.__cause__, MemoryError):
-                self._keep("memory", data, error.__cause__)
+            cause = error.__cause__
+            # What the reader of a format did not foresee is told in a line, too, and is a find.
+            if isinstance(cause, MemoryError) or (cause and _UNFORESEEN in str(error)):
+                self._keep(type(cause).__name__, data, cause)
         except Exception as error:
             self._keep(type(error).__name__, data, error)
         seconds = time.process_time() - begin
