@@ -14,7 +14,7 @@ from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.node import Node
 from rclpy.utilities import ok, try_shutdown
 
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import VislamError, one_line
 
 
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
@@ -53,7 +53,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
             raise
         _spin(node)
     except (VislamError, RuntimeError) as error:
-        print(f"error: {_reason(error)}", file=sys.stderr)
+        print(f"error: {one_line(_reason(error))}", file=sys.stderr)
         return 1
     finally:
         try_shutdown()
