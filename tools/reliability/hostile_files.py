@@ -150,7 +150,7 @@ def scarce(data: Path, solved: Path, reference: Path) -> Iterator[Case]:
     evaluate = ("evaluate", str(solved), "--reference", str(reference), "--json")
     yield Case("scarcity", "full disk behind the output", evaluate, stdout="/dev/full")
     solve = ("solve", str(data), "--out", OUT)
-    yield Case("scarcity", "12 file handles", solve, {"RLIMIT_NOFILE": 12})
+    yield Case("scarcity", "6 file handles", solve, {"RLIMIT_NOFILE": 6})
     yield Case("scarcity", "files of at most 2 kB", solve, {"RLIMIT_FSIZE": 2048})
     plot = ("plot", str(solved), "--output", OUT)
     yield Case("scarcity", "pictures of at most 2 kB", plot, {"RLIMIT_FSIZE": 2048})

@@ -58,13 +58,16 @@ class Outcome:
 
     @property
     def is_right(self) -> bool:
-        """Whether it is refused in a line, leaves nothing, and costs little."""
+        """Whether it is refused in a line, leaves nothing, and costs little.
+
+        What is right and fails half-way for want of something has done its work until then.
+        """
+        costs_little = self.cpu_s <= MOST_SECONDS and self.megabytes <= MOST_MEGABYTES
         return (
             self.is_one_line
             and self.code == 1
             and not self.left
-            and self.cpu_s <= MOST_SECONDS
-            and self.megabytes <= MOST_MEGABYTES
+            and (costs_little or bool(self.case.limits))
         )
 
 
