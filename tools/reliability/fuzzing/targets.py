@@ -15,6 +15,7 @@ import numpy as np
 
 from reliability.fuzzing.repairs import mended_archive, mended_mcap, plain_mcap
 from vislam_ros.core.filters.flat_settings import setting_owners, slam_settings
+from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.writer import write_bag
 from vislam_ros.data.evaluation.evaluate import evaluate_results
 from vislam_ros.data.files.parameter_file import node_parameters, read_parameters
@@ -81,7 +82,7 @@ def targets(folder: Path, names: tuple[str, ...]) -> list[Target]:
 def _drive(folder: Path) -> Path:
     """Path of a drive of a few steps."""
     path = folder / "seed.npz"
-    simulated = simulate(SimulationSettings(steps=6, landmarks=12, seed=1))
+    simulated = simulate(SimulationSettings(steps=4, landmarks=8, seed=1))
     write_simulated(path, simulated, force=True)
     return path
 
@@ -121,8 +122,12 @@ def _bag(folder: Path) -> Target:
     shutil.copytree(folder / "seed_bag", bag)
     for name in ("SHA256SUMS", "provenance.json"):
         (bag / name).unlink()
-    seed = (bag / "metadata.yaml").read_bytes()
-    return Target("bag", "bag/metadata.yaml", lambda place: load_passes(place / "bag"), (seed,))
+
+    def read(place: Path) -> object:
+        with BagMessages(place / "bag") as messages:
+            return messages.connections, messages.start, messages.end
+
+    return Target("bag", "bag/metadata.yaml", read, ((bag / "metadata.yaml").read_bytes(),))
 
 
 def _mcap(folder: Path) -> Target:
