@@ -11,7 +11,7 @@ from pathlib import Path
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
-from vislam_ros.core.tracking.refusals import RefusedMessage
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.bags.bag_messages import BagConnection, BagMessages, is_bag
 from vislam_ros.data.bags.claims import mcap_claim
 from vislam_ros.data.bags.layout import CHECKSUMS, PROVENANCE, TOPICS
@@ -160,8 +160,7 @@ def _structure_faults(path: Path) -> list[str]:
     except VislamError as error:
         return [str(error).removeprefix(f"{path}: ")]
     faults = [
-        f"{each.topic}: not one of {each.count} messages is a {each.msgtype}"
-        for each in no_messages
+        f"no usable message on {each.topic}: {Refusal.UNDECODABLE.text}" for each in no_messages
     ]
     if found != expected:
         faults.append(f"holds {found} messages where its index says {expected}")
