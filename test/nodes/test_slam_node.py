@@ -356,6 +356,17 @@ def test_localization_without_a_readable_map_does_not_start(make_node, tmp_path)
         make_node(SlamNode, estimator="localization", map_file=str(tmp_path / "none.npz"))
 
 
+def test_diagnostics_warn_of_observations_that_there_was_no_room_for(make_node, capture, drive):
+    node = make_node(SlamNode, max_active=5)
+    published = capture(node)
+    predictions_first(drive, node)
+    for _ in range(2):
+        node.monitor.report()
+    (warned,), (after,) = (message.status for message in published[DIAGNOSTICS][-2:])
+    assert (warned.level, after.level) == (b"\x01", b"\x00")
+    assert "observations left out by max_active" in warned.message
+
+
 def test_diagnostics_tell_what_is_missing_and_what_was_done(node, capture, drive):
     published = capture(node)
     node.monitor.report()

@@ -48,6 +48,11 @@ class _PendingFrame:
     ids: NDArray[np.uint32]
     pixels: NDArray[np.float32]
 
+    @property
+    def weight(self) -> int:
+        """What it counts as among those that wait: one, and one more for each thousand points."""
+        return 1 + len(self.ids) // 1000
+
 
 class Slam:
     """A SLAM session.
@@ -108,6 +113,7 @@ class Slam:
         self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
         self._pending: deque[_PendingFrame] = deque()
+        self._weight = 0
         self._begin_pass(0)
 
     def _begin_pass(self, pass_number: int) -> None:
@@ -124,6 +130,7 @@ class Slam:
             settings.retire_after,
             settings.frozen_share if settings.track_continuity else None,
             settings.rest_after_rejection,
+            most=settings.max_active,
         )
 
     @property
@@ -226,8 +233,9 @@ class Slam:
         chosen = _chosen(ids, self._settings.feature_fraction, self._settings.seed)
         frame = ids[chosen], pixels[chosen]
         for number, entered, content in self._passes.enter(Stream.FEATURES, stamp, frame):
-            if len(self._pending) < self._settings.max_pending:
+            if self._weight < self._settings.max_pending:
                 self._pending.append(_PendingFrame(number, entered, *content))
+                self._weight += self._pending[-1].weight
             else:
                 self.refused.add(Stream.FEATURES, Refusal.QUEUE_FULL, entered)
         return self._advance()
@@ -265,15 +273,19 @@ class Slam:
             pass_is_over = self._passes.number(Stream.PREDICTION) > frame.pass_number
             covered = path is not None and path.reaches(frame.stamp)
             if covered and path is not None and not path.begins_after(frame.stamp):
-                self._pending.popleft()
+                self._take()
                 steps.append(self._step(frame, path))
             elif covered or pass_is_over:
                 # No prediction that is still to come can tell where this frame was taken.
-                self._pending.popleft()
+                self._take()
                 self.refused.add(Stream.FEATURES, Refusal.NO_PREDICTION, frame.stamp)
             else:
                 break
         return steps
+
+    def _take(self) -> None:
+        """Take the first frame out of those that wait."""
+        self._weight -= self._pending.popleft().weight
 
     def _step(self, frame: _PendingFrame, path: PredictedPath) -> SlamStep:
         begin = time.perf_counter()
@@ -320,6 +332,7 @@ class Slam:
             nis_dof=outcome.nis_dof,
             tracks=self._tracks.ids_seen,
             first_of_pass=first,
+            left_out=tracked.left_out,
             position=T[:3, 3].copy(),
             quaternion=se3.quaternion_from_rotation(T[:3, :3]),
             covariance=self._estimator.pose_covariance,

@@ -61,6 +61,7 @@ class Monitor:
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
         self._absorbed: dict[str, Counter[str]] = {}
+        self._warnings: list[str] = []
         self._last_report = time.monotonic()
         self._last_received = self._received.copy()
         self._last_refused = 0
@@ -182,6 +183,10 @@ class Monitor:
         counts.add(stream, refusal, stamp)
         self._merge(counts, detail)
 
+    def warn(self, text: str) -> None:
+        """Make the next report a warning that says this."""
+        self._warnings.append(text)
+
     def absorb(self, source: str, refused: RefusalCounts) -> None:
         """Take over what a part of the core, known by a name, has counted since the last call."""
         absorbed = self._absorbed.setdefault(source, Counter())
@@ -248,11 +253,13 @@ class Monitor:
         status = conversions.status(self._node.get_fully_qualified_name(), values)
         total = self.refused.counts.total()
         newly_refused = total - self._last_refused
-        warnings = [f"cannot hear {publisher}" for publisher in self._unheard]
+        for publisher in self._unheard:
+            self.warn(f"cannot hear {publisher}")
         if newly_refused:
-            warnings.append(f"{newly_refused} message(s) refused")
-        status.level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
-        status.message = "; ".join([message, *warnings])
+            self.warn(f"{newly_refused} message(s) refused")
+        status.level = DiagnosticStatus.WARN if self._warnings else DiagnosticStatus.OK
+        status.message = "; ".join([message, *self._warnings])
+        self._warnings = []
         stamp = self._node.get_clock().now().to_msg()
         self.publish(self._publisher, conversions.status_array(stamp, [status]))
         self._last_report, self._last_refused = now, total

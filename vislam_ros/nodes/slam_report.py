@@ -61,7 +61,7 @@ class SlamReport:
         self._node = node
         self._core = core
         self._total = 0
-        self._frozen = 0
+        self._frozen = self._left_out = 0
         self._recent = StepTotals()
         self._last: SlamStep | None = None
 
@@ -74,8 +74,14 @@ class SlamReport:
         """Note a step and its numbers by column."""
         self._total += 1
         self._frozen += step.frozen
+        self._left_out += step.left_out
         self._recent.add(row)
         self._last = step
+
+    @property
+    def recently_left_out(self) -> int:
+        """Observations that there was no room for since the values were told last."""
+        return self._recent.left_out
 
     def values(self) -> dict[str, object]:
         """Values since the last call and in all."""
@@ -85,6 +91,7 @@ class SlamReport:
             "frozen steps": self._frozen,
             "resets": self._core.resets,
             "features waiting": len(self._core.waiting),
+            "left out": self._left_out,
         }
         values.update(values_if_over(self._core.refused_if_over))
         if self._last is not None:

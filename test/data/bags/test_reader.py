@@ -363,5 +363,7 @@ def test_an_image_size_that_is_not_known_holds_every_feature(bag, small_drive):
 @pytest.mark.parametrize("content", ["{", "[]", '{"name": "x"}'])
 def test_a_damaged_provenance_is_refused(bag, content):
     (bag / "provenance.json").write_text(content)
-    with pytest.raises(VislamError, match=r"provenance\.json: cannot read it"):
+    with pytest.raises(
+        VislamError, match=r"provenance\.json: (not a JSON|cannot read|has no name)"
+    ):
         read(bag)

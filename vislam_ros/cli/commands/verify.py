@@ -3,10 +3,10 @@
 """``vislam verify``: whether a bag or a result directory is whole."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from vislam_ros.cli.exit_codes import FAILED, OK
+from vislam_ros.cli.lines import answer, tell
 from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import verify_bag
@@ -24,12 +24,12 @@ def run(arguments: argparse.Namespace) -> int:
         report = verify_bag(path)
         faults, notes = list(report.faults) or _reading_faults(arguments), list(report.notes)
     for note in notes:
-        print(f"note: {path}: {note}", file=sys.stderr)
+        tell(f"note: {path}: {note}")
     for fault in faults:
-        print(f"error: {path}: {fault}", file=sys.stderr)
+        tell(f"error: {path}: {fault}")
     if faults:
         return FAILED
-    print(f"{path}: whole")
+    answer(f"{path}: whole")
     return OK
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.compiled import compiled
+from vislam_ros.core.tracking.spread import best_spread
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 
 # A live track whose point has ended; its pixels still tell whether the next frame is frozen.
@@ -57,14 +58,24 @@ class Tracks:
         Frames without an observation after which a track ends.
     frozen_share : float or None
         Share of repeated tracks above which a frame is frozen; None never finds any.
+    most : int or None
+        Tracks that are followed at a time; where a frame has more new ones than there is room
+        for, those are taken that cover the image best, and the others are as if unseen. None sets
+        no bound.
     rest_after_rejection : int
         Frames for which a track whose observation was rejected is left out, unless it comes to
         stand for another point before.
     """
 
     def __init__(
-        self, retire_after: int, frozen_share: float | None, rest_after_rejection: int = 0
+        self,
+        retire_after: int,
+        frozen_share: float | None,
+        rest_after_rejection: int = 0,
+        *,
+        most: int | None = None,
     ):
+        self._most = most
         self._retire_after = retire_after
         self._frozen_share = frozen_share
         self._rest_after_rejection = rest_after_rejection
@@ -126,6 +137,11 @@ class Tracks:
             order = np.argsort(ids)
             ids, pixels = ids[order], pixels[order]
         ended_before = self._miss(missed)
+        chosen = self._chosen(ids, pixels)
+        left_out = len(ids)
+        if chosen is not None:
+            ids, pixels = ids[chosen], pixels[chosen]
+        left_out -= len(ids)
         keys, copied, in_last_frame, found, rest = _continued(
             ids, pixels, self._ids, self._keys, self._pixels, self._unseen, self._rest
         )
@@ -154,6 +170,7 @@ class Tracks:
             ended=np.sort(all_ended[all_ended != NO_KEY]),
             copied=copied[by_key],
             frozen=frozen,
+            left_out=left_out,
         )
 
     def _miss(self, missed: int) -> Keys:
@@ -164,6 +181,22 @@ class Tracks:
         ended: Keys = self._keys[lost]
         self._keys[lost] = NO_KEY
         return ended
+
+    def _chosen(
+        self, ids: NDArray[np.uint32], pixels: NDArray[np.float32]
+    ) -> NDArray[np.int64] | None:
+        """Places of the observations that there is room for; None where there is for all."""
+        if self._most is None or len(ids) + len(self._ids) <= self._most:
+            return None
+        known = np.isin(ids, self._ids, assume_unique=True)
+        goes_on = self._unseen + 1 < self._retire_after
+        waiting = np.count_nonzero(goes_on & ~np.isin(self._ids, ids, assume_unique=True))
+        (new,) = np.nonzero(~known)
+        room = self._most - int(np.count_nonzero(known)) - int(waiting)
+        if len(new) <= room:
+            return None
+        taken = new[best_spread(pixels[new], max(room, 0), pixels[known])]
+        return np.sort(np.concatenate([np.flatnonzero(known), taken]))
 
     def restart(self, keys: Keys, *, rest: bool) -> None:
         """End points whose observation was rejected; their ids may rest before they go on."""

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading a bag as drives, one for each pass over the data, as the nodes would hear it."""
 
-import json
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +28,7 @@ from vislam_ros.data.bags.layout import (
 )
 from vislam_ros.data.bags.naming import hint, names_in_bag, namespace_of
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.files.json_file import read_json
 from vislam_ros.errors import VislamError
 
 T = TypeVar("T", bound=tuple[Any, ...])
@@ -306,11 +306,10 @@ def _provenance(path: Path) -> tuple[str, list[str]]:
     file = path / PROVENANCE
     if not file.is_file():
         return (path.name if path.is_dir() else path.stem), []
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        return str(content["name"]), [str(note) for note in content["notes"]]
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    content = read_json(file, "where this bag comes from")
+    name, notes = content.get("name"), content.get("notes")
+    if not (isinstance(name, str) and isinstance(notes, list)):
         raise VislamError(
-            f"{file}: cannot read it ({type(error).__name__}: {error}): convert the drive anew, "
-            "or remove the file"
-        ) from error
+            f"{file}: has no name and no notes: convert the drive anew, or remove the file"
+        )
+    return name, [str(note) for note in notes]
