@@ -35,6 +35,8 @@ from vislam_ros.core.tracking.refusals import (
 )
 from vislam_ros.core.tracking.time_order import Passes
 from vislam_ros.core.tracking.tracks import Tracks
+from vislam_ros.core.verdict.reason import Judgement
+from vislam_ros.core.verdict.verdict import Verdict
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
@@ -69,6 +71,8 @@ class Slam:
     previous_map : LandmarkMap or None
         The map that the estimate had when it last began anew; the exact one where the session
         records.
+    previous_verdict : Judgement or None
+        The verdict on it then.
 
     Raises
     ------
@@ -98,6 +102,7 @@ class Slam:
         self.refused = RefusalCounts()
         self.resets = 0
         self.previous_map: LandmarkMap | None = None
+        self.previous_verdict: Judgement | None = None
         self._clear()
 
     def _clear(self) -> None:
@@ -114,6 +119,7 @@ class Slam:
         self._estimator: Estimator | None = None
         smoothable = self._registration.smoothable
         self._tape = Tape() if self._record and smoothable else None
+        self._verdict: Verdict | None = None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
         self._tracks = Tracks(
@@ -140,13 +146,14 @@ class Slam:
 
     def reset(self) -> None:
         """Begin anew with the next features message, as at the start."""
-        self._keep_map()
+        self._keep_pass()
         self._clear()
         self.resets += 1
 
-    def _keep_map(self) -> None:
+    def _keep_pass(self) -> None:
         if self._estimator is not None:
             self.previous_map = self.best_landmarks()
+            self.previous_verdict = self.verdict()
 
     def set_camera(self, camera: StereoCamera) -> list[SlamStep]:
         """Tell the calibration; features that came before it are waiting.
@@ -242,6 +249,18 @@ class Slam:
         """Return the exact map where the session records, and else the one that stands."""
         return self.landmarks() if self._tape is None else self.smoothed().landmarks
 
+    def verdict(self) -> Judgement | None:
+        """Judge the steps since the estimate began; None where there is none yet."""
+        return None if self._verdict is None else self._verdict.judged(self._predicted_until())
+
+    def present_verdict(self) -> Judgement | None:
+        """Judge what is wrong at present, in the last half minute."""
+        return None if self._verdict is None else self._verdict.present(self._predicted_until())
+
+    def _predicted_until(self) -> int | None:
+        path = self._paths.get(self._pass)
+        return None if path is None else path.end
+
     def _advance(self) -> list[SlamStep]:
         """Take every waiting frame whose motion is known by now."""
         steps: list[SlamStep] = []
@@ -264,7 +283,7 @@ class Slam:
     def _step(self, frame: _PendingFrame, path: PredictedPath, camera: StereoCamera) -> SlamStep:
         begin = time.perf_counter()
         if frame.pass_number != self._pass:
-            self._keep_map()
+            self._keep_pass()
             self._paths = {n: p for n, p in self._paths.items() if n >= frame.pass_number}
             self._begin_pass(frame.pass_number)
             self.resets += 1
@@ -275,6 +294,8 @@ class Slam:
         first = self._estimator is None
         if self._estimator is None:
             self._estimator = self._new_estimator(camera)
+        if self._verdict is None:
+            self._verdict = Verdict(camera)
         tracked = self._tracks.observe(
             frame.ids, frame.pixels, lambda: self._motion_expected(camera, increment)
         )
@@ -282,6 +303,9 @@ class Slam:
         if self._given_map is None:
             # What contradicts a wrong estimate can mend it.
             self._tracks.restart(outcome.rejected, rest=outcome.agrees_with_most)
+        self._verdict.add(
+            frame.stamp, frame.ids, frame.pixels, increment, outcome, frozen=tracked.frozen
+        )
         if self._record:
             self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp
