@@ -43,6 +43,8 @@ class Monitor:
     node : Node
     describe : callable
         Gives, for the next report, what the node is doing in a few words and its own values.
+    warn : callable, optional
+        Tells what is wrong with that, if anything is.
 
     Attributes
     ----------
@@ -50,9 +52,15 @@ class Monitor:
         Messages that were not used.
     """
 
-    def __init__(self, node: Node, describe: Callable[[], tuple[str, Mapping[str, object]]]):
+    def __init__(
+        self,
+        node: Node,
+        describe: Callable[[], tuple[str, Mapping[str, object]]],
+        warn: Callable[[], str | None] = lambda: None,
+    ):
         self._node = node
         self._describe = describe
+        self._warn = warn
         self._callbacks: dict[str, Callable[..., None]] = {}
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
@@ -217,10 +225,10 @@ class Monitor:
         status = conversions.status(self._node.get_fully_qualified_name(), values)
         total = self.refused.counts.total()
         newly_refused = total - self._last_refused
-        status.level = DiagnosticStatus.WARN if newly_refused else DiagnosticStatus.OK
-        status.message = (
-            f"{message}; {newly_refused} message(s) refused" if newly_refused else message
-        )
+        refused = f"{newly_refused} message(s) refused" if newly_refused else None
+        warnings = [warning for warning in (self._warn(), refused) if warning]
+        status.level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
+        status.message = "; ".join([message, *warnings])
         stamp = self._node.get_clock().now().to_msg()
         self.publish(self._publisher, conversions.status_array(stamp, [status]))
         self._last_report, self._last_refused = now, total

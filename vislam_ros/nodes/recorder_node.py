@@ -44,7 +44,12 @@ from vislam_ros.nodes.parameters import (
     warn_of_undeclared_overrides,
 )
 from vislam_ros.nodes.settings import RecorderSettings
-from vislam_ros.nodes.slam_report import row_from_values
+from vislam_ros.nodes.slam_report import (
+    PRESENT,
+    PREVIOUS,
+    row_from_values,
+    verdict_from_values,
+)
 from vislam_ros.nodes.spin import run
 
 GRACE_SECONDS = 5.0
@@ -165,6 +170,9 @@ class RecorderNode(Node):
                 self.recording.set_process(
                     peak_rss_mb=float(values["peak memory [MB]"]), resets=int(values["resets"])
                 )
+                for which in (PREVIOUS, PRESENT):
+                    if (judgement := verdict_from_values(values, which)) is not None:
+                        self.recording.set_verdict(judgement)
             if self._ledger.set_report(node, NodeReport.of_values(values)):
                 self._last_progress = time.monotonic()
             self.recording.set_refused(*self._ledger.refused(at_end=False))
