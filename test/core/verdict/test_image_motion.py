@@ -87,3 +87,13 @@ def test_points_that_tell_nothing_give_numbers_all_the_same() -> None:
     found = image_motion(CAMERA, one, moved(one, np.array(MOTIONS[0])), np.eye(4))
     assert np.all(np.isfinite(found.xi))
     assert np.all(np.isfinite(found.metric))
+
+
+def test_the_noise_of_disparities_makes_no_motion_shorter() -> None:
+    rng, xi = np.random.default_rng(6), np.array(MOTIONS[1])
+    before = points(4000)
+    before[:, 1] = before[:, 0] - rng.uniform(4, 12, len(before))
+    after = moved(before, xi) + 2.0 * rng.standard_normal(before.shape)
+    noisy = before + 2.0 * rng.standard_normal(before.shape)
+    found = image_motion(CAMERA, noisy, after, np.eye(4))
+    assert_allclose(found.xi[2], xi[2], rtol=0.04)

@@ -185,16 +185,22 @@ def _better_readings(
 
 
 def _scale_reasons(scales: _Scales, flow: float, *, is_certain: bool) -> Iterator[Reason]:
+    shares = np.abs(scales.factors - 1.0) * scales.sizes
     checks = ("its unit, the baseline and the focal length", "its unit and the focal length")
-    for what, check, factor, error, size in zip(
-        ("velocity", "angular velocity"), checks, *scales, strict=True
+    for what, check, factor, error, share in zip(
+        ("velocity", "angular velocity"),
+        checks,
+        scales.factors.tolist(),
+        scales.errors.tolist(),
+        shares.tolist(),
+        strict=True,
     ):
         if not (factor > 0 and math.isfinite(error)):
             continue
         off = abs(math.log(factor))
-        matters = abs(factor - 1.0) * size > _MATTERS * flow
-        certain = is_certain or off > _BEYOND_CHANCE * error
-        if certain and matters and off > math.log(_SCALE):
+        # What makes both together so much likelier is the one that moves the images more.
+        certain = off > _BEYOND_CHANCE * error or (is_certain and share == np.max(shares))
+        if certain and share > _MATTERS * flow and off > math.log(_SCALE):
             yield Reason(
                 Word.CONTRADICTION,
                 f"the {what} of the twists is {factor:.3g} times that of the images"

@@ -5,7 +5,10 @@
 No twist, no extrinsics and no filter have a part in it, so it can be held against them. With the
 ray ``x`` and the inverse depth ``lambda`` of a point in the old frame, the new one sees it along
 ``q = R x + lambda t``; Gauss-Newton on the errors of its three numbers in the new frame, with
-Tukey's weights about the median, which half of the points cannot move.
+Tukey's weights about the median, which half of the points cannot move. The noise of ``lambda``
+would make t too short (by 8 % where a disparity of 7 pixels has 2 pixels of noise), so the new
+frame's disparity, whose noise is another, is the instrument: ``Z^T J xi = Z^T e``, where Z is J
+with that in the place of ``lambda``.
 """
 
 from typing import NamedTuple
@@ -120,11 +123,12 @@ def _errors(
 
 
 @compiled(
-    "float64(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64, float64,"
-    " float64, float64, float64[:, ::1], float64[::1])"
+    "float64(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1],"
+    " float64, float64, float64, float64, float64[:, ::1], float64[::1], float64[:, ::1])"
 )
 def _normal_equations(
     before: Array,
+    after: Array,
     moved: Array,
     error: Array,
     square: Array,
@@ -134,11 +138,16 @@ def _normal_equations(
     fxb: float,
     A: Array,
     b: Array,
+    metric: Array,
 ) -> float:
-    """Fill in ``A xi = b`` of a motion ``q <- q + lambda rho + theta x q``; return the weights."""
+    """Fill in ``A xi = b`` of a motion ``q <- q + lambda rho + theta x q``, and ``J^T J``.
+
+    Return the sum of the weights.
+    """
     A[:] = 0.0
     b[:] = 0.0
-    J, by_ray, weights = np.empty(6), np.zeros((3, 3)), 0.0
+    metric[:] = 0.0
+    J, Z, by_ray, weights = np.empty(6), np.empty(6), np.zeros((3, 3)), 0.0
     for i in range(len(before)):
         ratio = square[i] / (_TUKEY * middle)
         if not ratio < 1.0:
@@ -147,6 +156,7 @@ def _normal_equations(
         weights += weight
         inverse_depth = (before[i, 0] - before[i, 1]) / fxb
         x, y, z = moved[i]
+        instrument = z * (after[i, 0] - after[i, 1]) / fxb
         w = 1.0 / z
         by_ray[0, 0] = by_ray[1, 0] = fx * w
         by_ray[0, 2] = -fx * x * w * w
@@ -156,13 +166,13 @@ def _normal_equations(
             g0, g1, g2 = by_ray[r]
             J[0], J[1], J[2] = g0 * inverse_depth, g1 * inverse_depth, g2 * inverse_depth
             J[3], J[4], J[5] = g2 * y - g1 * z, g0 * z - g2 * x, g1 * x - g0 * y
+            Z[0], Z[1], Z[2] = g0 * instrument, g1 * instrument, g2 * instrument
+            Z[3], Z[4], Z[5] = J[3], J[4], J[5]
             for k in range(6):
-                b[k] += weight * J[k] * error[i, r]
-                for j in range(k + 1):
-                    A[k, j] += weight * J[k] * J[j]
-    for k in range(6):
-        for j in range(k):
-            A[j, k] = A[k, j]
+                b[k] += weight * Z[k] * error[i, r]
+                for j in range(6):
+                    A[k, j] += weight * Z[k] * J[j]
+                    metric[k, j] += weight * J[k] * J[j]
     return weights
 
 
@@ -219,11 +229,12 @@ def _fitted(
     for _ in range(_ITERATIONS):
         _errors(before, after, T, fx, fy, cx, cy, fxb, moved, error, square)
         middle = max(np.median(square), _SMALLEST_SQUARE)
-        weights = _normal_equations(before, moved, error, square, middle, fx, fy, fxb, A, b)
+        weights = _normal_equations(
+            before, after, moved, error, square, middle, fx, fy, fxb, A, b, metric
+        )
         for k in range(6):
             # What the points do not tell stays as it is.
-            metric[k] = A[k]
-            A[k, k] += 1e-9 * A[k, k] + 1e-9
+            A[k, k] += 1e-9 * abs(A[k, k]) + 1e-9
         xi = np.linalg.solve(A, b)
         T = _small_motion(np.asarray(xi)) @ T
         if np.max(np.abs(xi)) < _CONVERGED:
