@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.compiled import compiled
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.tracking.tracks import indices_of
 from vislam_ros.core.verdict.image_motion import FEWEST_POINTS, ImageMotion, image_motion
 
 Array = NDArray[np.float64]
@@ -28,12 +28,12 @@ REACH = 6
 """Steps before and after, of which a pair knows the twist, too."""
 
 # Points of a step that are fitted: twice as many would tell its motion better than any twist does.
-_MOST_POINTS = 32
+_MOST_POINTS = 24
 # The steps of a pair are so far apart at least, and at most [ns], and have one between them. The
 # frames are others by then, and so are the samples of a twist of 10 Hz; the motion is the same.
 _APART, _FARTHEST = 150_000_000, 1_000_000_000
 # Steps from one pair to the next: at first, and after so many pairs, to save time.
-_FIRST_STRIDE, _FIRST_PAIRS, _STRIDE = 4, 16, 20
+_FIRST_STRIDE, _FIRST_PAIRS, _STRIDE = 4, 12, 25
 # Of more pairs than this every other one is dropped.
 _MOST_PAIRS = 512
 # Disparities that are smaller may be noise [px].
@@ -153,8 +153,11 @@ class Evidence:
         """Take a step (its end's stamp in ns), its frame and its motion as it was predicted."""
         before, self._before = self._before, (ids, pixels)
         self._count += 1
-        self._take_twist(_twist_of(increment))
+        twist = _twist_of(increment)
+        self._latest.append(twist)
         first = self._first
+        if first is not None or self._open:
+            self._take_twist(twist)
         if first is not None:
             apart = stamp - first.stamp
             if apart > _FARTHEST:
@@ -178,7 +181,6 @@ class Evidence:
             self._next += _FIRST_STRIDE if few else _STRIDE
 
     def _take_twist(self, twist: Array) -> None:
-        self._latest.append(twist)
         if self._first is not None and not self._first.is_whole:
             self._first.twists.append(twist)
         for pair in self._open:
@@ -198,21 +200,11 @@ class Evidence:
         """Motion of the images between two frames, where they tell it."""
         if min(len(before[0]), len(after[0])) < FEWEST_POINTS:
             return None
-        places = indices_of(after[0].astype(np.int64), before[0].astype(np.int64))
-        common = np.flatnonzero(places >= 0)
-        if len(common) < FEWEST_POINTS:
+        old, new, positive, negative = _common_points(*before, *after)
+        if len(old) < FEWEST_POINTS:
             return None
-        if len(common) > _MOST_POINTS:
-            common = common[np.linspace(0, len(common) - 1, _MOST_POINTS).astype(np.int64)]
-        old, new = _image_points(before[1][places[common]]), _image_points(after[1][common])
         motion = image_motion(camera, old, new, self._start)
-        disparity = new[:, 0] - new[:, 1]
-        looks = Looks(
-            int(motion.is_one),
-            int(not motion.is_one),
-            int(np.count_nonzero(disparity > _CLEAR_DISPARITY)),
-            int(np.count_nonzero(disparity < -_CLEAR_DISPARITY)),
-        )
+        looks = Looks(int(motion.is_one), int(not motion.is_one), positive, negative)
         self.looks = self.looks.plus(looks)
         self._recent_looks.append((stamp, looks))
         self._start = motion.T_new_old
@@ -240,12 +232,53 @@ class Evidence:
             self._kept *= 2
 
 
-def _image_points(pixels: NDArray[np.float32]) -> Array:
-    """Image points (n, 3) ``(u_left, u_right, v)`` of pixels (n, 4)."""
-    points = np.empty((len(pixels), 3))
-    points[:, :2] = pixels[:, ::2]
-    points[:, 2] = 0.5 * (pixels[:, 1] + pixels[:, 3])
-    return points
+@compiled(
+    "Tuple((float64[:, ::1], float64[:, ::1], int64, int64))(uint32[:], float32[:, :],"
+    " uint32[:], float32[:, :])"
+)
+def _common_points(
+    ids_before: NDArray[np.uint32],
+    before: NDArray[np.float32],
+    ids_after: NDArray[np.uint32],
+    after: NDArray[np.float32],
+) -> tuple[Array, Array, int, int]:
+    """Image points (n, 3) of the tracks that two frames have in common, evenly chosen.
+
+    With them come the numbers of those whose disparity is clearly positive, and negative.
+    """
+    order = np.argsort(ids_before)
+    places = np.empty(len(ids_after), dtype=np.int64)
+    found = 0
+    for i in range(len(ids_after)):
+        low, high = 0, len(order)
+        while low < high:
+            middle = (low + high) // 2
+            if ids_before[order[middle]] < ids_after[i]:
+                low = middle + 1
+            else:
+                high = middle
+        there = low < len(order) and ids_before[order[low]] == ids_after[i]
+        places[i] = order[low] if there else -1
+        found += there
+    n = min(found, _MOST_POINTS)
+    points_before, points_after = np.empty((n, 3)), np.empty((n, 3))
+    positive = negative = taken = seen = 0
+    for i in range(len(ids_after)):
+        if places[i] < 0:
+            continue
+        if taken < n and seen * n >= taken * found:
+            for points, pixels in (
+                (points_before[taken], before[places[i]]),
+                (points_after[taken], after[i]),
+            ):
+                points[0], points[1] = pixels[0], pixels[2]
+                points[2] = 0.5 * (pixels[1] + pixels[3])
+            disparity = points_after[taken, 0] - points_after[taken, 1]
+            positive += disparity > _CLEAR_DISPARITY
+            negative += disparity < -_CLEAR_DISPARITY
+            taken += 1
+        seen += 1
+    return points_before[:taken], points_after[:taken], positive, negative
 
 
 def _twist_of(increment: Increment) -> Array:

@@ -31,7 +31,7 @@ _TUKEY = 9.0
 _SMALLEST_SQUARE = 0.05
 _ITERATIONS = 10
 # What moves less has come to its end [m, rad].
-_CONVERGED = 1e-4
+_CONVERGED = 1e-3
 # A point whose depth shrinks to less than this share of its old one has passed the camera.
 _MIN_DEPTH_RATIO = 0.05
 # Points that are fitted were seen to move as one if they are off by no more than this [px], or by

@@ -9,10 +9,9 @@ they are the same live and offline.
 """
 
 import math
-import operator
 from collections import deque
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +37,9 @@ _BEYOND_CHANCE = 4.0
 _FEWEST_LOOKS, _FEWEST_DISPARITIES = 8, 50
 
 
-class _Count(NamedTuple):
-    """What a step, or many, did.
+@dataclass(slots=True)
+class _Count:
+    """What many steps did.
 
     ``excess`` is NIS minus its degrees of freedom, ``scatter`` the sum of its squares.
     """
@@ -52,16 +52,15 @@ class _Count(NamedTuple):
     excess: float = 0.0
     scatter: float = 0.0
 
-    @classmethod
-    def of(cls, outcome: Outcome) -> "_Count":
-        """Count of one step."""
-        excess = outcome.nis - outcome.nis_dof
-        corrected, rejected = int(outcome.used > 0), len(outcome.rejected)
-        return cls(1, corrected, outcome.used, rejected, outcome.nis_dof, excess, excess**2)
-
-    def plus(self, other: "_Count") -> "_Count":
-        """Sum of the two."""
-        return _Count(*map(operator.add, self, other))
+    def add(self, used: int, rejected: int, nis: float, dof: int) -> None:
+        """Count a step."""
+        self.steps += 1
+        self.corrected += used > 0
+        self.used += used
+        self.rejected += rejected
+        self.dof += dof
+        self.excess += nis - dof
+        self.scatter += (nis - dof) * (nis - dof)
 
 
 class Verdict:
@@ -77,7 +76,8 @@ class Verdict:
         self._camera = camera
         self._evidence = Evidence()
         self._total = _Count()
-        self._latest: deque[tuple[int, _Count]] = deque(maxlen=_MOST_STEPS)
+        # Stamp, used, rejected, NIS and its degrees of freedom.
+        self._latest: deque[tuple[int, int, int, float, int]] = deque(maxlen=_MOST_STEPS)
         self._begin = self._end = self._seen = 0
         self._gap, self._gap_begin = 0, 0
         self._known: dict[bool, tuple[tuple[int, int], tuple[Reason, ...]]] = {}
@@ -96,12 +96,14 @@ class Verdict:
         if not self._total.steps:
             self._begin = self._seen = stamp
         self._end = stamp
-        if outcome.used:
-            self._note_gap(stamp)
+        used, rejected = outcome.used, len(outcome.rejected)
+        if used:
+            if stamp - self._seen > self._gap:
+                self._gap, self._gap_begin = stamp - self._seen, self._seen
             self._seen = stamp
-        count = _Count.of(outcome)
-        self._total = self._total.plus(count)
-        self._latest.append((stamp, count))
+        nis, dof = float(outcome.nis), outcome.nis_dof
+        self._total.add(used, rejected, nis, dof)
+        self._latest.append((stamp, used, rejected, nis, dof))
         self._evidence.add(stamp, ids, pixels, increment, self._camera, frozen=frozen)
 
     def judged(self, until: int | None = None) -> Judgement:
@@ -131,10 +133,10 @@ class Verdict:
         end = self._until(until)
         since = end - _PRESENT
         recent = _Count()
-        for stamp, count in reversed(self._latest):
+        for stamp, used, rejected, nis, dof in reversed(self._latest):
             if stamp < since:
                 break
-            recent = recent.plus(count)
+            recent.add(used, rejected, nis, dof)
         return Judgement.of(
             self._end,
             (
@@ -146,10 +148,6 @@ class Verdict:
 
     def _until(self, until: int | None) -> int:
         return self._end if until is None else max(until, self._end)
-
-    def _note_gap(self, stamp: int) -> None:
-        if stamp - self._seen > self._gap:
-            self._gap, self._gap_begin = stamp - self._seen, self._seen
 
     def _of_images(self, since: int | None) -> tuple[Reason, ...]:
         """Reasons in the images; found anew only where there is more to look at."""
