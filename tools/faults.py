@@ -12,16 +12,16 @@ tools/faults.py files
 import argparse
 import sys
 
-from reliability import files_command, outages_command, signals_command, topics_command
+from reliability.commands import files, outages, signals, topics
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED
 from vislam_ros.errors import VislamError
 
 COMMANDS = {
-    "outages": outages_command,
-    "topics": topics_command,
-    "signals": signals_command,
-    "files": files_command,
+    "outages": outages,
+    "topics": topics,
+    "signals": signals,
+    "files": files,
 }
 
 

@@ -34,8 +34,11 @@ from vislam_ros.core.tracking.refusals import (
     check_features,
     check_pose,
 )
+from vislam_ros.core.tracking.subset import chosen_tracks
 from vislam_ros.core.tracking.time_order import Passes
 from vislam_ros.core.tracking.tracks import Tracks
+from vislam_ros.core.verdict.reason import Judgement
+from vislam_ros.core.verdict.verdict import Verdict
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
@@ -75,6 +78,8 @@ class Slam:
     previous_map : LandmarkMap or None
         The map that the estimate had when it last began anew; the exact one where the session
         records.
+    previous_verdict : Judgement or None
+        The verdict on it then.
 
     Raises
     ------
@@ -104,6 +109,7 @@ class Slam:
         self.refused = RefusalCounts()
         self.resets = 0
         self.previous_map: LandmarkMap | None = None
+        self.previous_verdict: Judgement | None = None
         self._clear()
 
     def _clear(self) -> None:
@@ -123,6 +129,7 @@ class Slam:
         self._camera_in_use: StereoCamera | None = None
         smoothable = self._registration.smoothable
         self._tape = Tape() if self._record and smoothable else None
+        self._verdict: Verdict | None = None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
         self._frame_rate = FrameRate()
@@ -158,13 +165,14 @@ class Slam:
 
     def reset(self) -> None:
         """Begin anew with the next features message, as at the start."""
-        self._keep_map()
+        self._keep_pass()
         self._clear()
         self.resets += 1
 
-    def _keep_map(self) -> None:
+    def _keep_pass(self) -> None:
         if self._estimator is not None:
             self.previous_map = self.best_landmarks()
+            self.previous_verdict = self.verdict()
 
     def set_camera(self, camera: StereoCamera) -> list[SlamStep]:
         """Tell the calibration; features that came before it are waiting.
@@ -230,7 +238,7 @@ class Slam:
         except RefusedMessage as error:
             self.refused.add(Stream.FEATURES, error.refusal, stamp)
             return []
-        chosen = _chosen(ids, self._settings.feature_fraction, self._settings.seed)
+        chosen = chosen_tracks(ids, self._settings.feature_fraction, self._settings.seed)
         frame = ids[chosen], pixels[chosen]
         for number, entered, content in self._passes.enter(Stream.FEATURES, stamp, frame):
             if self._weight < self._settings.max_pending:
@@ -264,6 +272,18 @@ class Slam:
         """Return the exact map where the session records, and else the one that stands."""
         return self.landmarks() if self._tape is None else self.smoothed().landmarks
 
+    def verdict(self) -> Judgement | None:
+        """Judge the steps since the estimate began; None where there is none yet."""
+        return None if self._verdict is None else self._verdict.judged(self._predicted_until())
+
+    def present_verdict(self) -> Judgement | None:
+        """Judge what is wrong at present, in the last half minute."""
+        return None if self._verdict is None else self._verdict.present(self._predicted_until())
+
+    def _predicted_until(self) -> int | None:
+        path = self._paths.get(self._pass)
+        return None if path is None else path.end
+
     def _advance(self) -> list[SlamStep]:
         """Take every waiting frame whose motion is known by now."""
         steps: list[SlamStep] = []
@@ -290,7 +310,7 @@ class Slam:
     def _step(self, frame: _PendingFrame, path: PredictedPath) -> SlamStep:
         begin = time.perf_counter()
         if frame.pass_number != self._pass:
-            self._keep_map()
+            self._keep_pass()
             self._paths = {n: p for n, p in self._paths.items() if n >= frame.pass_number}
             self._begin_pass(frame.pass_number)
             self.resets += 1
@@ -299,10 +319,11 @@ class Slam:
         else:
             increment = path.increment(self._last_stamp, frame.stamp)
         first = self._estimator is None
-        if self._estimator is None:
+        if self._estimator is None or self._verdict is None:
             assert self._camera is not None
             self._camera_in_use = self._camera
             self._estimator = self._new_estimator(self._camera)
+            self._verdict = Verdict(self._camera)
         tracked = self._tracks.observe(
             frame.ids,
             frame.pixels,
@@ -313,6 +334,9 @@ class Slam:
         if self._given_map is None:
             # What contradicts a wrong estimate can mend it.
             self._tracks.restart(outcome.rejected, rest=outcome.agrees_with_most)
+        self._verdict.add(
+            frame.stamp, frame.ids, frame.pixels, increment, outcome, frozen=tracked.frozen
+        )
         if self._record:
             self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp
@@ -366,14 +390,3 @@ class Slam:
         T_new_old = camera.T_camera_body @ se3.inverse(increment.T) @ camera.T_body_camera
         flow = np.linalg.norm(camera.warp(y, T_new_old) - y, axis=1)
         return float(np.median(flow)) > self._settings.frozen_motion
-
-
-def _chosen(ids: NDArray[np.uint32], fraction: float, seed: int) -> NDArray[np.bool_]:
-    """Choose a share of the tracks, each by its id and the seed alone (SplitMix64's mixing)."""
-    if fraction >= 1.0:
-        return np.ones(len(ids), dtype=bool)
-    mixed = ids.astype(np.uint64) + np.uint64(seed * 0x9E3779B97F4A7C15 % 2**64)
-    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
-        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
-    mixed ^= mixed >> np.uint64(31)
-    return mixed < np.uint64(min(fraction * 2.0**64, 2.0**64 - 2**11))

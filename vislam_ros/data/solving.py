@@ -19,6 +19,7 @@ from vislam_ros.core.slam import Slam
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive
 from vislam_ros.core.step import KINDS, Row, SlamStep
 from vislam_ros.core.tracking.refusals import RefusalCounts
+from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.results.completeness import shortfall
 from vislam_ros.data.results.summary import RunSummary, peak_rss_mb
@@ -44,6 +45,8 @@ class Solution:
         As in ``summary.json``.
     refused : RefusalCounts
         Messages that the drive's reader and the estimators refused.
+    verdict : Judgement or None
+        Whether the estimate can be trusted, and why not; None where there is no step.
     smoothed : Trajectory or None
         Of the steps since the estimate last began anew, where it was asked for, with covariances.
     """
@@ -54,6 +57,7 @@ class Solution:
     steps: Mapping[str, NDArray[Any]]
     summary: dict[str, Any]
     refused: RefusalCounts
+    verdict: Judgement | None = None
     smoothed: Trajectory | None = None
 
 
@@ -160,6 +164,7 @@ def solve(
                 summary.add_step(rows[-1])
                 if on_step:
                     on_step(step)
+        verdict = slam.verdict()
         smoothed = slam.smoothed() if smooth else None
         landmarks = slam.landmarks() if smoothed is None else smoothed.landmarks
     refused = RefusalCounts()
@@ -170,6 +175,7 @@ def solve(
     summary.landmarks, summary.tracks = len(landmarks), len(np.unique(landmarks.ids))
     summary.set_refused(refused)
     summary.resets = slam.resets
+    summary.verdict = verdict
     summary.peak_rss_mb = peak_rss_mb()
     reason = shortfall(len(steps), summary.refused, summary.refused_first)
     summary.complete, summary.incomplete_reason = reason is None, reason
@@ -180,6 +186,7 @@ def solve(
         steps=_table(rows),
         summary=summary.as_dict(),
         refused=refused,
+        verdict=verdict,
         smoothed=None if smoothed is None else smoothed_trajectory(smoothed),
     )
 

@@ -47,6 +47,8 @@ class Monitor:
     node : Node
     describe : callable
         Gives, for the next report, what the node is doing in a few words and its own values.
+    warn : callable, optional
+        Tells what is wrong with that, if anything is.
 
     Attributes
     ----------
@@ -54,9 +56,15 @@ class Monitor:
         Messages that were not used.
     """
 
-    def __init__(self, node: Node, describe: Callable[[], tuple[str, Mapping[str, object]]]):
+    def __init__(
+        self,
+        node: Node,
+        describe: Callable[[], tuple[str, Mapping[str, object]]],
+        warn: Callable[[], str | None] = lambda: None,
+    ):
         self._node = node
         self._describe = describe
+        self._warn = warn
         self._callbacks: dict[str, Callable[..., None]] = {}
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
@@ -253,6 +261,8 @@ class Monitor:
         status = conversions.status(self._node.get_fully_qualified_name(), values)
         total = self.refused.counts.total()
         newly_refused = total - self._last_refused
+        if warning := self._warn():
+            self.warn(warning)
         for publisher in self._unheard:
             self.warn(f"cannot hear {publisher}")
         if newly_refused:

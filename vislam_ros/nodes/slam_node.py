@@ -70,7 +70,7 @@ class SlamNode(Node):
         self._published_stamp: int | None = None
         self._path: deque[Any] = deque(maxlen=self._output.path_length)
         self._report = SlamReport(self, self.core)
-        self.monitor = Monitor(self, self._describe)
+        self.monitor = Monitor(self, self._describe, self._report.warning)
         self._tf = TransformSender(self, self.monitor)
         self._odometry = self.monitor.advertise(layout.ODOMETRY)
         self._steps = self.monitor.advertise(layout.STEPS)
@@ -120,7 +120,9 @@ class SlamNode(Node):
             self._received_at.clear()
 
     def _begin_pass(self) -> None:
-        """Publish the map that the last pass ended with; a recorder may want it."""
+        """Publish the verdict and the map that the last pass ended with, for a recorder."""
+        if self._last_stamp is not None:
+            self.monitor.report()
         if self._last_stamp is not None and self.core.previous_map is not None:
             self._publish_landmarks(self._last_stamp, self.core.previous_map)
         self._landmarks_published = None

@@ -17,6 +17,11 @@ from vislam_ros.data.results.writer import pass_directories
 
 WAIT = 120.0
 
+SAME = (
+    *("steps", "complete", "incomplete_reason", "refused", "refused_first"),
+    *("verdict", "verdict_reasons"),
+)
+
 
 @pytest.fixture
 def both(tmp_path):
@@ -60,7 +65,7 @@ def case(name):
 def assert_same_end(solved, ran):
     assert solved[:2] == ran[:2]
     for (one, trajectory), (other, other_trajectory) in zip(solved[2], ran[2], strict=True):
-        for name in ("steps", "complete", "incomplete_reason", "refused", "refused_first"):
+        for name in SAME:
             assert one[name] == other[name], name
         assert trajectory == other_trajectory
 
@@ -74,6 +79,15 @@ def test_a_last_frame_behind_the_last_twist_is_named_and_no_failure(both):
         "note: not used: 1 features_no_prediction (no predicted motion reaches its stamp, the "
         "first at 1700000005.905000095 s)"
     )
+
+
+def test_inverted_extrinsics_are_named_and_no_failure(both):
+    solved, ran = both(case("07_inverse_extrinsics"))
+    assert_same_end(solved, ran)
+    code, line, ((summary, _),) = solved
+    assert (code, line) == (0, "")
+    assert summary["verdict"] == "contradiction"
+    assert "T_body_camera inverted would fit" in summary["verdict_reasons"][0]
 
 
 def test_a_few_bad_messages_are_named_and_no_failure(both):

@@ -17,6 +17,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import MotionSettings
 from vislam_ros.core.step import Row
 from vislam_ros.core.tracking.time_order import TimeOrder
+from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.message_log import MessageLog
 from vislam_ros.data.results.writer import ResultWriter, pass_directory
@@ -89,6 +90,12 @@ class _Pass:
     def has_final_map(self) -> bool:
         """Whether the map is the one of the last step."""
         return self.map_stamp is not None and self.map_stamp == self.last_stamp
+
+    @property
+    def has_final_verdict(self) -> bool:
+        """Whether the verdict is the one on all steps."""
+        verdict = self.writer.summary.verdict
+        return verdict is not None and verdict.stamp == self.last_stamp
 
     def write_raw(self, raw: Raw, stamp: int | None = None) -> None:
         """Log a message; one without a stamp (ns) of the data stands at the latest step."""
@@ -250,6 +257,15 @@ class Recording:
         """Set what only slam_node knows of itself."""
         self._current.writer.summary.peak_rss_mb = peak_rss_mb
         self._current.writer.summary.resets = resets
+
+    def set_verdict(self, verdict: Judgement) -> None:
+        """Set the verdict on the pass that ends with its stamp, or so far on the present one."""
+        results, previous = self._current, self._previous
+        if previous is not None and verdict.stamp == previous.last_stamp != results.last_stamp:
+            results = previous
+        is_final = verdict.stamp == results.last_stamp
+        if is_final or not results.has_final_verdict:
+            results.writer.summary.verdict = verdict
 
     def set_refused(self, refused: Mapping[str, int], first: Mapping[str, str]) -> None:
         """Set how many messages the nodes refused by word, and the stamps (s) of the first."""
