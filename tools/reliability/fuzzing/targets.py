@@ -145,7 +145,7 @@ def _yaml(_folder: Path) -> Target:
 
     seeds = (
         b"slam_node:\n  ros__parameters:\n    estimator: joint\n    chi2_gate: 16.27\n"
-        b"    pixel_variance: [1.0, 1e3, 2, 1.0]\n    track_continuity: true\n    seed: 0x10\n",
+        b"    pixel_variance: [1.0, 1e3, 2.0, 1.0]\n    track_continuity: true\n    seed: 0x10\n",
         b"/**: {ros__parameters: {seed: 3, a: {b: !!str x}}}\n/robot:\n  slam_node:\n"
         b'    ros__parameters: {map_file: "a", time_jump: .5}\n',
     )
