@@ -42,9 +42,10 @@ def give_step(
     odometry = conversions.odometry(
         step.stamp, "map", "base_link", step.position, step.quaternion, step.covariance
     )
-    values = step_values(step.row(), latency_ms=1.5, number=number)
+    row = step.row()
     if first_of_pass is not None:
-        values["first_of_pass"] = first_of_pass
+        row["first_of_pass"] = first_of_pass
+    values = step_values(row, latency_ms=1.5, number=number)
     give(recorder.on_odometry, ODOMETRY, odometry)
     if step.estimates:
         bias = conversions.vector3_stamped(

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What slam_node says of its steps, and what is read of that."""
 
+import json
+
 import pytest
 from rclpy.node import Node
 
@@ -73,9 +75,16 @@ def test_a_row_comes_out_of_a_message_as_it_went_in(steps):
     ],
 )
 def test_a_message_that_lacks_a_number_is_refused(steps, change, words):
-    values = {**texts(step_values(steps[0].row(), 1.5, 1)), **change}
-    values = {name: text for name, text in values.items() if text is not None}
+    told = {**json.loads(texts(step_values(steps[0].row(), 1.5, 1))["row"]), **change}
+    row = {name: value for name, value in told.items() if value is not None}
     with pytest.raises(RefusedMessage, match=words) as refusal:
+        row_from_values({"row": json.dumps(row)})
+    assert refusal.value.refusal is Refusal.BAD_FIELDS
+
+
+@pytest.mark.parametrize("values", [{}, {"row": ""}, {"row": "[1, 2]"}, {"row": "[" * 100_000}])
+def test_a_message_without_a_row_is_refused(values):
+    with pytest.raises(RefusedMessage, match="slam/steps") as refusal:
         row_from_values(values)
     assert refusal.value.refusal is Refusal.BAD_FIELDS
 
