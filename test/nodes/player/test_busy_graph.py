@@ -5,7 +5,7 @@
 import signal
 from dataclasses import replace
 
-from listening import FULL_SPEED, STEPS, wait_until
+from live.listening import FULL_SPEED, STEPS, wait_until
 
 from vislam_ros.data.bags.layout import FEATURES, ODOMETRY
 from vislam_ros.nodes.player import graph, player
