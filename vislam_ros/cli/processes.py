@@ -94,8 +94,10 @@ class Child:
         """Send SIGINT, as Ctrl-C does, but only once, and let it go on if it was stopped."""
         if not self._asked:
             self._asked = True
-            self.send(signal.SIGINT)
+            # In this order: of a stopped process any thread may take the interrupt, and the main
+            # one sleep on.
             self.send(signal.SIGCONT)
+            self.send(signal.SIGINT)
 
     def send(self, number: int) -> None:
         """Send a signal if it is still there."""

@@ -10,6 +10,7 @@ import argparse
 import dataclasses
 import json
 import math
+import random
 import signal
 import sys
 import tempfile
@@ -18,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from reliability.signals import RUN, SIGNALS, TARGETS, Outcome, measure, trials
+from reliability.signals import RUN, SIGNALS, TARGETS, Outcome, Trial, measure, trials
 from vislam_ros.cli.exit_codes import FAILED, OK
 from vislam_ros.data.bags.writer import write_bag
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
@@ -51,7 +52,19 @@ def run_command(arguments: argparse.Namespace) -> int:
         if trial.number in [_NAMES[name] for name in arguments.signals]
         and trial.target in arguments.targets
     ]
+    random.Random(0).shuffle(planned)  # so that a part of them tells of all
     outcomes: list[Outcome] = []
+    try:
+        _measure_all(planned, outcomes)
+    finally:  # also after Ctrl-C
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        content = [_as_dict(outcome) for outcome in outcomes]
+        replace_file(arguments.out, (json.dumps(content, indent=1) + "\n").encode())
+        print_table(outcomes)
+    return OK if all(outcome.holds for outcome in outcomes) else FAILED
+
+
+def _measure_all(planned: Sequence[Trial], outcomes: list[Outcome]) -> None:
     with tempfile.TemporaryDirectory(prefix="vislam_faults_") as scratch:
         bag = Path(scratch) / "bag"
         write_bag(simulate(_DRIVE).drive, bag)
@@ -60,11 +73,6 @@ def run_command(arguments: argparse.Namespace) -> int:
             print(f"{len(outcomes)} of {len(planned)}", end="\r", file=sys.stderr)
             if not outcomes[-1].holds:
                 print(f"does not hold: {outcomes[-1]}", file=sys.stderr)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    content = [_as_dict(outcome) for outcome in outcomes]
-    replace_file(arguments.out, (json.dumps(content, indent=1) + "\n").encode())
-    print_table(outcomes)
-    return OK if all(outcome.holds for outcome in outcomes) else FAILED
 
 
 def print_table(outcomes: Sequence[Outcome]) -> None:

@@ -37,6 +37,10 @@ def add_run(commands: Commands) -> None:
   vislam run drive_bag --out results --params config/ekf.yaml --force
   vislam run fleet_bag --out results --namespace /robot1
   vislam run drive.npz --out results --estimator localization --map before/landmarks.npz
+
+It says how to join its graph. Without ROS_DOMAIN_ID it takes a domain that nobody uses, and
+without ROS_AUTOMATIC_DISCOVERY_RANGE it is heard on this machine only. A node that dies or stands
+still for a second ends it.
 """,
     )
     _add_estimation(parser)
