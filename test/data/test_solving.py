@@ -91,3 +91,18 @@ def test_a_drive_without_frames_has_a_table_without_rows() -> None:
     assert set(solution.steps) == set(KINDS)
     assert len(solution.trajectory) == len(solution.steps["stamp"]) == 0
     assert solution.verdict is None
+
+
+def test_a_crowd_is_followed_as_far_as_there_is_room_and_the_rest_is_counted() -> None:
+    drive = simulate(steps=8, landmarks=4000, seed=1).drive
+    crowd = np.diff(drive.offsets)
+    assert crowd.min() > 1000
+    solution = solve(drive, max_active=60)
+    steps = solution.steps
+    assert steps["active"].max() == 60
+    assert steps["observed"].tolist() == crowd.tolist()
+    assert steps["left_out"][0] == crowd[0] - 60
+    assert solution.summary["left_out"] == steps["left_out"].sum()
+    assert solution.summary["complete"]
+    everything = solve(drive, max_active=20_000, estimator="mapping")
+    assert everything.steps["left_out"].sum() == 0

@@ -55,12 +55,12 @@ def texts(values):
 
 def test_a_row_comes_out_of_a_message_as_it_went_in(steps):
     for step in steps:
-        row, latency_ms = row_from_values(texts(step_values(step.row(), 1.5)))
+        row, latency_ms, number = row_from_values(texts(step_values(step.row(), 1.5, 7)))
         assert list(row.items()) == list(step.row().items())
         assert [type(value) for value in row.values()] == [
             type(value) for value in step.row().values()
         ]
-        assert latency_ms == 1.5
+        assert (latency_ms, number) == (1.5, 7)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_a_row_comes_out_of_a_message_as_it_went_in(steps):
     ],
 )
 def test_a_message_that_lacks_a_number_is_refused(steps, change, words):
-    values = {**texts(step_values(steps[0].row(), 1.5)), **change}
+    values = {**texts(step_values(steps[0].row(), 1.5, 1)), **change}
     values = {name: text for name, text in values.items() if text is not None}
     with pytest.raises(RefusedMessage, match=words) as refusal:
         row_from_values(values)

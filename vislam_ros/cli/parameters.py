@@ -5,12 +5,14 @@
 import argparse
 import dataclasses
 import os
+import re
 import sys
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from vislam_ros.cli.lines import tell
 from vislam_ros.core.filters.flat_settings import setting_owners, slam_settings, unused_note
 from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.landmarks import LandmarkMap
@@ -38,6 +40,8 @@ SETTINGS_OF_NODES: dict[str, tuple[Any, ...]] = {
     "recorder_node": (RecorderSettings,),
 }
 """The nodes' own; slam_node has those of its estimator, too."""
+
+_OF_EVERY_NODE = re.compile(r"use_sim_time|qos_overrides\..+")
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,7 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
             own.update({name: value for name, value in overrides.items() if value is not None})
         try:
             known = _known(node, {**everyones, **own})
-            given[node] = {**_among(everyones, known), **own}
+            given[node] = {**_among(everyones, known | _of_every_node(everyones)), **own}
             checked.update(_checked(node, known, given[node]))
         except SettingsError as error:
             raise SettingsError(f"{f'{file}: ' if file else ''}{node}: {error}") from error
@@ -148,7 +152,7 @@ def report_unused(parameters: RunParameters) -> None:
     """Print a line where parameters were set that the estimator does not use."""
     note = unused_note(parameters.given["slam_node"])
     if note:
-        print(f"warning: slam_node: {note}", file=sys.stderr)
+        tell(f"warning: slam_node: {note}")
 
 
 def _known(node: str, values: Mapping[str, Any]) -> set[str]:
@@ -157,9 +161,14 @@ def _known(node: str, values: Mapping[str, Any]) -> set[str]:
     return known | setting_owners(values).keys() if node == "slam_node" else known
 
 
+def _of_every_node(values: Mapping[str, Any]) -> set[str]:
+    """Names among those of parameters that ROS itself gives every node."""
+    return {name for name in values if _OF_EVERY_NODE.fullmatch(name)}
+
+
 def _checked(node: str, known: set[str], values: Mapping[str, Any]) -> dict[Any, Any]:
     """Settings by class, of one node's parameters; slam_node's estimator's as SlamSettings."""
-    for name in sorted(values.keys() - known - {"use_sim_time"}):
+    for name in sorted(values.keys() - known - _of_every_node(values)):
         raise SettingsError(f"{name}: no such parameter{nearest_name(name, known)}")
     classes = SETTINGS_OF_NODES[node]
     settings = {cls: settings_from_dict(cls, _among(values, _names(cls))) for cls in classes}

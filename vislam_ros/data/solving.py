@@ -86,7 +86,7 @@ def feed(
     Yields
     ------
     prediction : Prediction or None
-        What a twist made; None after features, and after a twist that was refused.
+        What a twist made; None after features.
     steps : list of SlamStep
         The steps that became ready.
     """
@@ -97,14 +97,10 @@ def feed(
         if k >= 0:
             yield None, slam.add_features(int(drive.feature_stamps[k]), *drive.frame(k))
             continue
-        prediction = reckoning.add_twist(int(drive.twist_stamps[place]), drive.twists[place])
-        if prediction is None:
-            yield None, []
-        else:
-            yield (
-                prediction,
-                slam.add_prediction(prediction.stamp, prediction.position, prediction.quaternion),
-            )
+        twist = int(drive.twist_stamps[place]), drive.twists[place]
+        for prediction in reckoning.add_twist(*twist):
+            pose = prediction.stamp, prediction.position, prediction.quaternion
+            yield prediction, slam.add_prediction(*pose)
 
 
 def solve(
@@ -168,13 +164,14 @@ def solve(
                 summary.add_step(rows[-1])
                 if on_step:
                     on_step(step)
-        slam.refuse_waiting()
         verdict = slam.verdict()
         smoothed = slam.smoothed() if smooth else None
         landmarks = slam.landmarks() if smoothed is None else smoothed.landmarks
     refused = RefusalCounts()
-    for counts in (drive.refused, reckoning.refused, slam.refused):
-        refused.merge(counts)
+    refused.merge(drive.refused)
+    for part in (reckoning, slam):
+        refused.merge(part.refused)
+        refused.merge(part.refused_if_over)
     summary.landmarks, summary.tracks = len(landmarks), len(np.unique(landmarks.ids))
     summary.set_refused(refused)
     summary.resets = slam.resets

@@ -12,16 +12,16 @@ from vislam_ros.core.step import KINDS, Row, SlamStep, StepTotals
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.core.verdict.reason import Judgement, Word
 from vislam_ros.data.results.summary import peak_rss_mb
-from vislam_ros.data.trajectory import stamp_text
-from vislam_ros.nodes.diagnostics import stamp_age
+from vislam_ros.nodes.diagnostics import stamp_age, values_if_over
 
 _LATENCY = "latency_ms"
+_NUMBER = "number"
 
 #: Verdicts on /diagnostics: on the steps so far, and on those before the estimate began anew.
 PRESENT, PREVIOUS = "verdict", "previous verdict"
 
 
-def step_values(row: Row, latency_ms: float) -> dict[str, object]:
+def step_values(row: Row, latency_ms: float, number: int) -> dict[str, object]:
     """Values of a status on ``slam/steps``.
 
     Parameters
@@ -30,11 +30,13 @@ def step_values(row: Row, latency_ms: float) -> dict[str, object]:
         The step's numbers by column.
     latency_ms : float
         From receiving the features to publishing their pose, milliseconds.
+    number : int
+        How many steps the node has published, this one included.
     """
-    return {**row, _LATENCY: latency_ms}
+    return {**row, _LATENCY: latency_ms, _NUMBER: number}
 
 
-def row_from_values(values: Mapping[str, str]) -> tuple[Row, float]:
+def row_from_values(values: Mapping[str, str]) -> tuple[Row, float, int]:
     """Inverse of :func:`step_values`.
 
     Raises
@@ -48,7 +50,7 @@ def row_from_values(values: Mapping[str, str]) -> tuple[Row, float]:
         )
     try:
         row = {name: _number(KINDS.get(name, float), text) for name, text in values.items()}
-        return row, row.pop(_LATENCY)
+        return row, row.pop(_LATENCY), int(row.pop(_NUMBER))
     except (KeyError, ValueError) as error:
         raise RefusedMessage(Refusal.BAD_FIELDS, f"slam/steps: {error}") from error
 
@@ -93,17 +95,28 @@ class SlamReport:
         self._node = node
         self._core = core
         self._total = 0
-        self._frozen = 0
+        self._frozen = self._left_out = 0
         self._recent = StepTotals()
         self._last: SlamStep | None = None
         self._warned = False
+
+    @property
+    def steps(self) -> int:
+        """How many steps were noted."""
+        return self._total
 
     def add(self, step: SlamStep, row: Row) -> None:
         """Note a step and its numbers by column."""
         self._total += 1
         self._frozen += step.frozen
+        self._left_out += step.left_out
         self._recent.add(row)
         self._last = step
+
+    @property
+    def recently_left_out(self) -> int:
+        """Observations that there was no room for since the values were told last."""
+        return self._recent.left_out
 
     def values(self) -> dict[str, object]:
         """Values since the last call and in all."""
@@ -113,10 +126,9 @@ class SlamReport:
             "frozen steps": self._frozen,
             "resets": self._core.resets,
             "features waiting": len(self._core.waiting),
+            "left out": self._left_out,
         }
-        if self._core.waiting:
-            values["first waiting [s]"] = stamp_text(self._core.waiting[0])
-            values["waiting would be"] = self._core.waits_for.word
+        values.update(values_if_over(self._core.refused_if_over))
         if self._last is not None:
             values["stamp age [s]"] = stamp_age(self._node, self._last.stamp)
             values["active landmarks"] = self._last.active

@@ -16,7 +16,7 @@ TWIST_ORIGINS = ("auto", "body", "imu")
 
 RETURNS = """\
 exit code: 0 on success, 1 on an error (one line on stderr; -v shows where it came from), 2 on
-wrong usage, 130 after Ctrl-C"""
+wrong usage, 130 after Ctrl-C, 141 where whoever reads the output has left"""
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
@@ -85,6 +85,11 @@ def add_rate(parser: argparse.ArgumentParser) -> None:
         metavar="R",
         help=f"times real time; 0: as fast as the graph takes it, losing nothing ({PLAY.rate:g})",
     )
+
+
+def add_namespace(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add the namespace of one robot among others."""
+    parser.add_argument("--namespace", default=PLAY.namespace, metavar="NS", help=text)
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
