@@ -127,3 +127,8 @@ def test_of_a_drive_too_short_to_tell_nothing_is_said(quiet: SimulatedDrive) -> 
     for steps, said in ((24, 0), (80, 1)):
         short = dataclasses.replace(wrong, feature_stamps=wrong.feature_stamps[:steps])
         assert len(reasons(quiet, short)) == said
+
+
+def test_a_noise_that_hides_all_turning_makes_no_scale_of_it() -> None:
+    settings = {**SETTINGS, "angular_velocity_noise_std": 0.5, "steps": 120, "landmarks": 600}
+    assert reasons(simulate(**settings, seed=8)) == []

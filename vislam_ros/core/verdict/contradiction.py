@@ -138,10 +138,10 @@ def contradictions(pairs: Sequence[StepPair], camera: StereoCamera) -> Iterator[
         return
     reasons = [] if abs(late) < _STEPS_OFF else [_time_reason(late)]
     if scaled.mismatch <= _DOUBTFUL * flow:
-        is_likelier = (
-            scaled.evidence_against(fit) > _EVIDENCE and scaled.mismatch < _LEFT * fit.mismatch
-        )
-        reasons += _scale_reasons(scales, flow, is_certain=is_likelier)
+        # Not by its likelihood: a smaller scale also makes the noise of the twists smaller.
+        explains = fit.is_beyond_chance and scaled.mismatch < _LEFT * fit.mismatch
+        is_certain = explains and fit.mismatch > _DOUBTFUL * flow
+        reasons += _scale_reasons(scales, flow, is_certain=is_certain)
     if not reasons and fit.mismatch > _DOUBTFUL * flow and fit.is_beyond_chance:
         reasons.append(
             Reason(
@@ -198,7 +198,7 @@ def _scale_reasons(scales: _Scales, flow: float, *, is_certain: bool) -> Iterato
         if not (factor > 0 and math.isfinite(error)):
             continue
         off = abs(math.log(factor))
-        # What makes both together so much likelier is the one that moves the images more.
+        # What explains the mismatch is the one that moves the images more.
         certain = off > _BEYOND_CHANCE * error or (is_certain and share == np.max(shares))
         if certain and share > _MATTERS * flow and off > math.log(_SCALE):
             yield Reason(
@@ -281,7 +281,10 @@ def _scales(steps: _Steps, twists: Array, camera_from_twist: Array) -> _Scales:
     inverse = np.linalg.pinv(np.sum(normals, axis=0) + prior)
     s = inverse @ np.sum(rights, axis=0)
     scatter = rights - normals @ s
-    covariance = inverse @ (scatter.T @ scatter) @ inverse
+    # As many terms as there are unknowns have no scatter left.
+    n, unknowns = rights.shape
+    spare = n / (n - unknowns) if n > unknowns else np.inf
+    covariance = spare * (inverse @ (scatter.T @ scatter) @ inverse)
     sizes = np.array([_root(s[k] ** 2 * normals[:, k, k]) for k in range(2)])
     with np.errstate(divide="ignore", invalid="ignore"):
         errors = np.sqrt(np.diag(covariance)[:2]) / np.abs(s[:2])
