@@ -56,9 +56,12 @@ def rewritten(
     msgtype: Callable[[str, str], str] = lambda _, msgtype: msgtype,
     storage: StoragePlugin = StoragePlugin.MCAP,
     log_time: Callable[[str, int, int], int] = lambda _topic, _index, time: time,
+    called: str = "foreign",
+    *,
+    latches: bool = True,
 ) -> Path:
-    """Another bag beside a bag, with each message changed."""
-    output = bag.parent / "foreign"
+    """Another bag beside a bag, with each message changed, and nothing latched if so told."""
+    output = bag.parent / called
     with BagMessages(bag) as source, Writer(output, version=9, storage_plugin=storage) as writer:
         connections, counts = {}, dict.fromkeys((c.topic for c in source.connections), 0)
         for item in source.connections:
@@ -67,7 +70,7 @@ def rewritten(
                     name,
                     msgtype(item.topic, item.msgtype),
                     typestore=STORE,
-                    offered_qos_profiles=[LATCHED_QOS if item.latched else STREAM_QOS],
+                    offered_qos_profiles=[LATCHED_QOS if item.latched and latches else STREAM_QOS],
                 )
         for item, time, raw in source.messages():
             if item.topic in connections:

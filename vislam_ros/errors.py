@@ -13,6 +13,10 @@ class SettingsError(VislamError, ValueError):
     """A setting that does not exist, has the wrong type or lies outside its range."""
 
 
+class OutputError(VislamError):
+    """A file cannot be written, now or later: nothing that goes on can mend it."""
+
+
 def one_line(text: str) -> str:
     r"""Text as one line of printable characters: what is neither is written as an escape.
 

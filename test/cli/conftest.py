@@ -5,6 +5,7 @@
 from pathlib import Path
 
 import pytest
+from live.running import WAIT, Run
 
 from vislam_ros.cli.main import main
 
@@ -23,3 +24,19 @@ def bag(tmp_path_factory: pytest.TempPathFactory, dataset: Path) -> Path:
     path = tmp_path_factory.mktemp("bag") / "small_bag"
     assert main(["convert", str(dataset), str(path)]) == 0
     return path
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Start a run; it is gone after the test."""
+    runs = []
+
+    def start(data, *flags, name="run", **options):
+        run = Run(data, tmp_path / name, *flags, **options)
+        runs.append(run)
+        return run
+
+    yield start
+    for run in runs:
+        run.process.kill()
+        run.process.communicate(timeout=WAIT)

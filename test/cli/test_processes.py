@@ -95,9 +95,11 @@ def wait_until_ready(child):
 def test_a_child_ends_by_itself_when_it_is_asked_to(start):
     child = start(POLITE)
     wait_until_ready(child)
-    child.end()
+    child.ask_to_end()
+    assert child.wait(WAIT)
+    child.close()
     assert child.exit_code == 0
-    assert child.last_line().startswith("good-bye")
+    assert "good-bye" in child.log.read_text()
 
 
 def test_a_child_ends_when_it_is_asked_to_also_where_a_shell_runs_its_parent_in_the_background(
@@ -109,59 +111,78 @@ def test_a_child_ends_when_it_is_asked_to_also_where_a_shell_runs_its_parent_in_
     finally:
         signal.signal(signal.SIGINT, usual)
     wait_until_ready(child)
-    child.end()
+    child.ask_to_end()
+    assert child.wait(WAIT)
     assert child.exit_code == 0
-
-
-def test_a_child_that_does_not_listen_is_made_to_end(start, monkeypatch):
-    monkeypatch.setattr(
-        processes,
-        "_ENDING",
-        ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, WAIT)),
-    )
-    child = start(DEAF)
-    wait_until_ready(child)
-    child.end()
-    assert child.exit_code == -signal.SIGKILL
 
 
 def test_a_child_that_is_interrupted_while_it_starts_says_nothing(start):
     child = start(SLOW_TO_START)
     wait_until_ready(child)
-    child.end()
+    child.ask_to_end()
+    assert child.wait(WAIT)
+    child.close()
     assert child.exit_code == INTERRUPTED
     assert child.log.read_text() == "ready\n"
 
 
-def test_a_failed_child_is_named_with_its_last_words(start):
+def test_a_failed_child_is_named_with_its_last_error(start):
     child = start(FAILING, name="fragile")
     assert child.wait(WAIT)
     error = child.died()
     assert isinstance(error, VislamError)
-    assert str(error) == (
-        f"fragile ended early with exit code 1: error: the disk is full ({child.log})"
+    assert str(error) == (f"fragile ended early with exit code 1: the disk is full ({child.log})")
+
+
+def test_a_child_that_crashes_in_compiled_code_is_named_with_what_it_was(start):
+    child = start("import os\nos.abort()\n", name="crashing")
+    assert child.wait(WAIT)
+    assert str(child.died()) == (
+        f"crashing ended early with signal 6 (SIGABRT): Fatal Python error: Aborted ({child.log})"
     )
 
 
-def test_children_are_asked_in_reverse_order_and_end_together(tmp_path, monkeypatch):
-    asked = []
-    ask_to_end = Child.ask_to_end
-    monkeypatch.setattr(
-        Child, "ask_to_end", lambda self: (asked.append(self.name), ask_to_end(self))
-    )
-    (tmp_path / "polite_module.py").write_text(POLITE)
+def test_a_child_that_stands_still_is_seen_until_it_goes_on(start):
+    child = start(POLITE)
+    wait_until_ready(child)
+    assert not child.is_stopped
+    child.send(signal.SIGSTOP)
+    wait_until(lambda: child.is_stopped, "the stop")
+    child.ask_to_end()
+    assert child.wait(WAIT)
+    assert (child.exit_code, child.is_stopped) == (0, False)
+
+
+@pytest.fixture
+def start_children(tmp_path):
+    """Start programs as the children of one run."""
     environment = {**os.environ, "PYTHONPATH": f"{REPOSITORY}:{tmp_path}"}
     children = Children(environment, tmp_path)
-    assert not children.all_alive()
-    started = [children.start(name, "polite_module", []) for name in ("first", "second")]
-    for child in started:
-        wait_until_ready(child)
-    assert children.all_alive()
+
+    def start(*programs):
+        for k, program in enumerate(programs):
+            (tmp_path / f"child_{k}_module.py").write_text(program)
+        started = [children.start(f"child_{k}", f"child_{k}_module", []) for k in (0, 1)]
+        for child in started:
+            wait_until_ready(child)
+        return children, started
+
+    return start
+
+
+def test_the_child_that_writes_ends_after_the_others(start_children):
+    children, (writer, other) = start_children(POLITE, POLITE)
+    children.end(writer=writer)
+    assert [child.exit_code for child in (writer, other)] == [0, 0]
+    times = [int(child.log.read_text().split()[-1]) for child in (writer, other)]
+    assert times[0] > times[1]
+
+
+def test_a_child_that_does_not_listen_is_made_to_end(start_children, monkeypatch):
+    monkeypatch.setattr(processes, "_ENDING", ((signal.SIGINT, 0.2), (signal.SIGKILL, WAIT)))
+    children, (polite, deaf) = start_children(POLITE, DEAF)
     children.end()
-    assert [child.exit_code for child in started] == [0, 0]
-    # All are asked before any is waited for, and nobody is interrupted twice.
-    assert asked[:2] == ["second", "first"]
-    assert all(child.last_line().startswith("good-bye") for child in started)
+    assert (polite.exit_code, deaf.exit_code) == (0, -signal.SIGKILL)
 
 
 @pytest.mark.parametrize("program", [POLITE, DEAF])

@@ -7,6 +7,7 @@ import os
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 # Both are read when the first message or participant is made.
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import TransformStamped, TwistWithCovarianceStamped, Vector3
+from live.node_processes import Processes
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.node import Node
@@ -25,9 +27,13 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.settings import SlamSettings
+from vislam_ros.core.slam import Slam
+from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
 from vislam_ros.data.bags.layout import DEFAULT_FRAMES, Topic
-from vislam_ros.nodes import conversions
+from vislam_ros.nodes import conversions, recorder_node
+from vislam_ros.nodes.recorder_node import RecorderNode
 
 _counter = itertools.count()
 
@@ -45,6 +51,13 @@ def context(domain_id: int) -> Iterator[Context]:
     rclpy.init(context=context, domain_id=domain_id)
     yield context
     rclpy.try_shutdown(context=context)
+
+
+@pytest.fixture
+def processes(domain_id: int) -> Iterator[Processes]:
+    processes = Processes(domain_id)
+    yield processes
+    processes.end_all()
 
 
 @pytest.fixture
@@ -165,3 +178,27 @@ def camera_info(camera: StereoCamera, offset: float) -> CameraInfo:
     p = [camera.fx, 0.0, camera.cx, offset, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
     message.p = np.array(p)
     return message
+
+
+@pytest.fixture
+def answers(drive: SmallDrive) -> tuple[list[Any], Any]:
+    """What the SLAM node answers to the small drive: steps, and the map at the end."""
+    core = Slam(SlamSettings())
+    core.set_camera(drive.camera)
+    steps = []
+    for prediction, features in zip(drive.predictions, drive.features, strict=True):
+        steps += core.add_prediction(*decoding.pose(prediction))
+        steps += core.add_features(*decoding.features(features, DEFAULT_FRAMES))
+    return steps, core.landmarks()
+
+
+@pytest.fixture
+def recorder(make_node: Callable[..., Any], tmp_path: Path) -> Any:
+    return make_node(RecorderNode, directory=str(tmp_path / "run"))
+
+
+@pytest.fixture
+def no_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody answers in these tests, so there is no use in waiting."""
+    monkeypatch.setattr(recorder_node, "GRACE_SECONDS", 0.05)
+    monkeypatch.setattr(recorder_node, "ANSWER_SECONDS", 0.05)

@@ -2,21 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nodes as processes: how they start, how they end, and a whole run of all three."""
 
+import functools
 import json
-import os
 import signal
-import subprocess
-import sys
-import time
 from contextlib import suppress
 
 import pytest
 import threadpoolctl
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
+from live.node_processes import WAIT, spin_until, wait_until
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
-from places import REPOSITORY
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
@@ -40,44 +37,6 @@ from vislam_ros.data.trajectory import tum_line
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.topics import LATCHED, STREAM, message_class
 
-WAIT = 40.0
-
-
-class Processes:
-    """Starts nodes and ends each by its own pid."""
-
-    def __init__(self, domain_id: int):
-        self._environment = dict(os.environ, ROS_DOMAIN_ID=str(domain_id))
-        self._started: list[subprocess.Popen[str]] = []
-
-    def start(self, module: str, *arguments: str) -> "subprocess.Popen[str]":
-        process = subprocess.Popen(
-            [sys.executable, "-m", f"vislam_ros.nodes.{module}", *arguments],
-            cwd=REPOSITORY,
-            env=self._environment,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self._started.append(process)
-        return process
-
-    def run_to_end(self, module: str, *arguments: str) -> "tuple[int, list[str]]":
-        process = self.start(module, *arguments)
-        _, errors = process.communicate(timeout=WAIT)
-        return process.returncode, errors.splitlines()
-
-    def end_all(self) -> None:
-        for process in self._started:
-            process.kill()
-            process.communicate(timeout=WAIT)
-
-
-@pytest.fixture
-def processes(domain_id):
-    processes = Processes(domain_id)
-    yield processes
-    processes.end_all()
-
 
 @pytest.fixture
 def probe(make_node):
@@ -88,24 +47,19 @@ def probe(make_node):
     return make_node(Probe)
 
 
-def wait_until(condition, what):
-    deadline = time.monotonic() + WAIT
-    while not condition():
-        assert time.monotonic() < deadline, f"{what} did not happen"
-        time.sleep(0.02)
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("-p", "velocity_noise_std:=-1.0"), ("velocity_noise_std", "-1.0")),
         (("-p", "time_jump:=soon"), ("time_jump", "soon")),
+        (("-p", "use_sim_time:=7"), ("use_sim_time", "7")),
+        (("-p", "qos_overrides./diagnostics.publisher.history:=last"), ("/diagnostics", "last")),
         (("--params-file", "/nowhere.yaml"), ("/nowhere.yaml",)),
         (("--no-such-argument",), ("--no-such-argument",)),
     ],
 )
 def test_a_node_that_cannot_start_says_why_in_one_line(processes, arguments, words):
-    code, lines = processes.run_to_end("imu_prediction_node", "--ros-args", *arguments)
+    code, lines = processes.run_to_end("nodes.imu_prediction_node", "--ros-args", *arguments)
     assert code == 1
     assert len(lines) == 1, lines
     assert lines[0].startswith("error: ")
@@ -115,7 +69,7 @@ def test_a_node_that_cannot_start_says_why_in_one_line(processes, arguments, wor
 
 @pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 3])
 def test_signals_end_a_node_with_0_and_without_a_traceback(processes, probe, signals):
-    process = processes.start("imu_prediction_node", "--ros-args", "-p", "time_jumb:=2.0")
+    process = processes.start("nodes.imu_prediction_node", "--ros-args", "-p", "time_jumb:=2.0")
     wait_until(lambda: probe.count_subscribers(TWIST.name), "the start of the node")
     for number in signals:
         with suppress(ProcessLookupError):
@@ -178,8 +132,8 @@ def expected_trajectory(drive):
     slam.set_camera(drive.camera)
     steps = []
     for twist, features in zip(drive.twists, drive.features, strict=True):
-        pose = prediction.add_twist(*decoding.twist(twist, DEFAULT_FRAMES))
-        steps += slam.add_prediction(pose.stamp, pose.position, pose.quaternion)
+        for pose in prediction.add_twist(*decoding.twist(twist, DEFAULT_FRAMES)):
+            steps += slam.add_prediction(pose.stamp, pose.position, pose.quaternion)
         steps += slam.add_features(*decoding.features(features, DEFAULT_FRAMES))
     return "".join(f"{tum_line(s.stamp, s.position, s.quaternion)}\n" for s in steps)
 
@@ -190,24 +144,17 @@ def graph(processes, make_node, context, tmp_path):
     directory = tmp_path / "run"
     source = make_node(Source)
     nodes = {
-        "imu_prediction_node": processes.start("imu_prediction_node"),
-        "slam_node": processes.start("slam_node"),
+        "imu_prediction_node": processes.start("nodes.imu_prediction_node"),
+        "slam_node": processes.start("nodes.slam_node"),
         "recorder_node": processes.start(
-            "recorder_node", "--ros-args", "-p", f"directory:={directory}"
+            "nodes.recorder_node", "--ros-args", "-p", f"directory:={directory}"
         ),
     }
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(source)
 
-    def spin_until(condition, what):
-        def spin_and_ask():
-            executor.spin_once(timeout_sec=0.05)
-            return condition()
-
-        wait_until(spin_and_ask, what)
-
-    spin_until(source.graph_is_whole, "the discovery of the graph")
-    yield source, nodes, directory, spin_until
+    spin_until(executor, source.graph_is_whole, "the discovery of the graph")
+    yield source, nodes, directory, functools.partial(spin_until, executor)
     executor.shutdown()
 
 

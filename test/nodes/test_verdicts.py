@@ -10,7 +10,9 @@ import pytest
 import threadpoolctl
 from faulty_bags import FAULTS, FRAMES, HOPELESS, NO_STEP, K, from_on, move
 from rclpy.serialization import serialize_message
+from rclpy.task import Future
 from rewriting import rewritten, unchanged
+from std_srvs.srv import Trigger
 
 from vislam_ros.cli.main import main
 from vislam_ros.data.bags.bag_messages import BagMessages
@@ -31,6 +33,7 @@ from vislam_ros.data.bags.layout import (
 from vislam_ros.data.bags.writer import write_bag
 from vislam_ros.data.results.writer import pass_directories
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
+from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions, recorder_node
 from vislam_ros.nodes.imu_prediction_node import ImuPredictionNode
 from vislam_ros.nodes.recorder_node import RecorderNode
@@ -88,7 +91,7 @@ def live(make_node, capture, tmp_path, monkeypatch):
             for node, topics in heard.items():
                 if topic in topics:
                     node.monitor.take(topic, data)
-                    hand_on()
+            hand_on()
 
         def hand_on():
             for topics in published.values():
@@ -97,11 +100,16 @@ def live(make_node, capture, tmp_path, monkeypatch):
                         send(topic, serialize_message(topics[topic.recorded].pop(0)))
 
         def publish_map(_request):
-            slam.publish_landmarks()
+            answer = Future()
+            try:
+                answer.set_result(Trigger.Response(success=True, message=slam.publish_landmarks()))
+            except VislamError as error:
+                answer.set_result(Trigger.Response(success=False, message=str(error)))
             hand_on()
+            return answer
 
-        monkeypatch.setattr(recorder._map_client, "service_is_ready", lambda: True)
-        monkeypatch.setattr(recorder._map_client, "call_async", publish_map)
+        monkeypatch.setattr(recorder._map._client, "service_is_ready", lambda: True)
+        monkeypatch.setattr(recorder._map._client, "call_async", publish_map)
         known = {topic.recorded: topic for topic in TOPICS}
         sent = dict.fromkeys((IMU, TWIST, FEATURES), 0)
         with BagMessages(bag) as messages:

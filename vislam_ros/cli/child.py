@@ -6,6 +6,7 @@ The parent holds the other end of standard input. However it ends, even by SIGKI
 closes that end, and this process asks itself to end, then makes itself.
 """
 
+import faulthandler
 import os
 import runpy
 import signal
@@ -31,6 +32,7 @@ def main() -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     # The parent ends it with SIGINT, which all ignore that a shell started in the background.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    faulthandler.enable()  # a crash in compiled code says what it was
     del sys.argv[0]
     try:
         runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)

@@ -16,9 +16,12 @@ PassResults: TypeAlias = tuple[Path, Mapping[str, Any]]
 
 
 def print_passes(passes: Sequence[PassResults]) -> None:
-    """Print what came of each pass."""
+    """Print what came of each pass, and last whether its estimate can be trusted."""
     for directory, summary in passes:
         print_summary(f"{summary['drive']} in {directory}", summary)
+        if summary["verdict"]:
+            reasons = "; ".join(summary["verdict_reasons"])
+            print(f"verdict: {summary['verdict']}" + (f": {reasons}" if reasons else ""))
 
 
 def require_complete(passes: Sequence[PassResults]) -> None:

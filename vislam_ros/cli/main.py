@@ -10,8 +10,8 @@ import warnings
 from collections.abc import Sequence
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, PIPE_CLOSED
+from vislam_ros.cli.interrupts import is_interrupt, take_interrupts
 from vislam_ros.cli.lines import tell
-from vislam_ros.cli.parser import build_parser
 from vislam_ros.errors import reason_of
 
 
@@ -19,6 +19,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; wrong usage raises SystemExit(2)."""
     verbose = False
     try:
+        take_interrupts()
+        # Imported here, so that an interrupt meanwhile ends as any other.
+        from vislam_ros.cli.parser import build_parser
+
         arguments = build_parser().parse_args(argv)
         verbose = arguments.verbose
         with warnings.catch_warnings():
@@ -34,14 +38,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit:
         _leave_stdout()
         raise
-    except KeyboardInterrupt:
-        tell("interrupted")
-        return INTERRUPTED
     except BrokenPipeError:
         # Whoever read has heard enough, as `head` has.
         _leave_stdout()
         return PIPE_CLOSED
-    except Exception as error:
+    except BaseException as error:
+        if is_interrupt(error):
+            tell("interrupted")
+            return INTERRUPTED
         if verbose:
             traceback.print_exc()
         _leave_stdout()

@@ -5,6 +5,7 @@
 import argparse
 import dataclasses
 import os
+import re
 import sys
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
@@ -39,6 +40,8 @@ SETTINGS_OF_NODES: dict[str, tuple[Any, ...]] = {
     "recorder_node": (RecorderSettings,),
 }
 """The nodes' own; slam_node has those of its estimator, too."""
+
+_OF_EVERY_NODE = re.compile(r"use_sim_time|qos_overrides\..+")
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
             own.update({name: value for name, value in overrides.items() if value is not None})
         try:
             known = _known(node, {**everyones, **own})
-            given[node] = {**_among(everyones, known), **own}
+            given[node] = {**_among(everyones, known | _of_every_node(everyones)), **own}
             checked.update(_checked(node, known, given[node]))
         except SettingsError as error:
             raise SettingsError(f"{f'{file}: ' if file else ''}{node}: {error}") from error
@@ -158,9 +161,14 @@ def _known(node: str, values: Mapping[str, Any]) -> set[str]:
     return known | setting_owners(values).keys() if node == "slam_node" else known
 
 
+def _of_every_node(values: Mapping[str, Any]) -> set[str]:
+    """Names among those of parameters that ROS itself gives every node."""
+    return {name for name in values if _OF_EVERY_NODE.fullmatch(name)}
+
+
 def _checked(node: str, known: set[str], values: Mapping[str, Any]) -> dict[Any, Any]:
     """Settings by class, of one node's parameters; slam_node's estimator's as SlamSettings."""
-    for name in sorted(values.keys() - known - {"use_sim_time"}):
+    for name in sorted(values.keys() - known - _of_every_node(values)):
         raise SettingsError(f"{name}: no such parameter{nearest_name(name, known)}")
     classes = SETTINGS_OF_NODES[node]
     settings = {cls: settings_from_dict(cls, _among(values, _names(cls))) for cls in classes}

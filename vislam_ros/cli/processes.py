@@ -2,17 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Child processes: started with a log each, watched, and always ended."""
 
+import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from vislam_ros.cli.child_log import ChildLog
+from vislam_ros.cli.exit_codes import INTERRUPTED, OK
+from vislam_ros.cli.interrupts import held_interrupts
 from vislam_ros.errors import VislamError
 
 # What a child gets to end by itself before the next, less friendly signal.
-_ENDING = ((signal.SIGINT, 10.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
-_LOG_TAIL_BYTES = 4096
+_ENDING = ((signal.SIGINT, 1.0), (signal.SIGKILL, 3.0))
+# One that has files to close.
+_CLOSING = ((signal.SIGINT, 10.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 
 
 class Child:
@@ -43,15 +49,16 @@ class Child:
         self.name = name
         self.log = log_folder / f"{name}.log"
         self._asked = False
-        with self.log.open("wb") as log:
-            self._process = subprocess.Popen(
-                [sys.executable, "-u", "-m", "vislam_ros.cli.child", module, *arguments],
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env=dict(environment),
-                start_new_session=True,
-            )
+        self._process = subprocess.Popen(
+            [sys.executable, "-u", "-m", "vislam_ros.cli.child", module, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env=dict(environment),
+            start_new_session=True,
+        )
+        assert self._process.stdout is not None
+        self._log = ChildLog(self.log, self._process.stdout)
 
     @property
     def pid(self) -> int:
@@ -63,40 +70,37 @@ class Child:
         """Exit code, negative for the signal that ended it; None while it runs."""
         return self._process.poll()
 
-    def last_line(self) -> str:
-        """Last line of the log that says something."""
-        with self.log.open("rb") as log:
-            size = log.seek(0, 2)
-            log.seek(max(0, size - _LOG_TAIL_BYTES))
-            lines = log.read().decode("utf-8", "replace").split("\n")
-        return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a signal has stopped it and none has made it go on."""
+        if self.exit_code is not None:
+            return False
+        waiting = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
+        return os.waitid(os.P_PID, self.pid, waiting) is not None
 
     def died(self) -> VislamError:
         """Return the error for a child that should still run."""
         code = self.exit_code
-        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-        return VislamError(f"{self.name} ended early with {how}: {self.last_line()} ({self.log})")
+        how = f"exit code {code}"
+        silent = "it was told to end" if code in (OK, INTERRUPTED) else "it named no error"
+        error = self._log.last_error() or silent
+        if code is not None and code < 0:
+            how = f"signal {-code} ({signal.Signals(-code).name})"
+            if -code == signal.SIGKILL:
+                error += "; the system kills what takes too much memory"
+        return VislamError(f"{self.name} ended early with {how}: {error} ({self.log})")
 
     def ask_to_end(self) -> None:
-        """Send SIGINT, as Ctrl-C does, but only once."""
+        """Send SIGINT, as Ctrl-C does, but only once, and let it go on if it was stopped."""
         if not self._asked:
             self._asked = True
-            self._signal(signal.SIGINT)
+            self.send(signal.SIGINT)
+            self.send(signal.SIGCONT)
 
-    def end(self) -> None:
-        """End it, in the friendliest way that works, and wait until it is gone."""
-        for number, patience in _ENDING:
-            if number == signal.SIGINT:
-                self.ask_to_end()
-            else:
-                self._signal(number)
-            try:
-                self._process.wait(patience)
-                break
-            except subprocess.TimeoutExpired:
-                continue
-        if self._process.stdin is not None:
-            self._process.stdin.close()
+    def send(self, number: int) -> None:
+        """Send a signal if it is still there."""
+        if self.exit_code is None:
+            self._process.send_signal(number)
 
     def wait(self, seconds: float) -> bool:
         """Wait for it; whether it ended."""
@@ -106,13 +110,22 @@ class Child:
             return False
         return True
 
-    def _signal(self, number: int) -> None:
-        if self.exit_code is None:
-            self._process.send_signal(number)
+    def close(self) -> None:
+        """Keep what an ended child said last."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        self._log.close()
 
 
 class Children:
-    """The children of a run, in the order in which they were started."""
+    """The children of a run, in the order in which they were started.
+
+    Parameters
+    ----------
+    environment : mapping
+    log_folder : Path
+        Exists.
+    """
 
     def __init__(self, environment: Mapping[str, str], log_folder: Path):
         self._environment = environment
@@ -121,22 +134,37 @@ class Children:
 
     def start(self, name: str, module: str, arguments: Sequence[str]) -> Child:
         """Start a child."""
-        child = Child(name, module, arguments, self._environment, self._log_folder)
-        self._children.append(child)
+        with held_interrupts():  # a child that was started and is not known would never be ended
+            child = Child(name, module, arguments, self._environment, self._log_folder)
+            self._children.append(child)
         return child
 
-    @property
-    def last(self) -> Child:
-        """The child that was started last."""
-        return self._children[-1]
+    def send(self, number: int) -> None:
+        """Send all of them a signal."""
+        for child in self._children:
+            child.send(number)
 
-    def all_alive(self) -> bool:
-        """Whether there are children and none has ended."""
-        return bool(self._children) and all(child.exit_code is None for child in self._children)
+    def end(self, writer: Child | None = None) -> None:
+        """End all of them together, in the friendliest way that works, and wait until they are.
 
-    def end(self) -> None:
-        """End all of them together, asking the last one first."""
-        for child in reversed(self._children):
-            child.ask_to_end()
-        for child in reversed(self._children):
-            child.end()
+        The one that writes down what the others send ends after them, so that nothing is lost.
+        """
+        if writer is not None:
+            writer.send(signal.SIGCONT)
+        _end([child for child in self._children if child is not writer], _ENDING)
+        if writer is not None:
+            _end([writer], _CLOSING)
+        for child in self._children:
+            child.close()
+
+
+def _end(children: Sequence[Child], ending: Sequence[tuple[int, float]]) -> None:
+    for number, patience in ending:
+        for child in children:
+            if number == signal.SIGINT:
+                child.ask_to_end()
+            else:
+                child.send(number)
+        end = time.monotonic() + patience
+        if all(child.wait(max(0.0, end - time.monotonic())) for child in children):
+            return

@@ -5,6 +5,7 @@
 import argparse
 
 from vislam_ros.cli.lines import tell
+from vislam_ros.cli.played_bag import renamed_topics
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.reader import ReadingRules
 from vislam_ros.data.datasets.conventions import Conventions
@@ -21,6 +22,8 @@ def read_input(arguments: argparse.Namespace, rules: ReadingRules) -> tuple[Driv
             arguments.data,
             conventions=conventions(arguments),
             rules=rules,
+            topics=renamed_topics(arguments),
+            namespace=arguments.namespace,
             progress=lambda share: update(share, ""),
         )
     print_notes(passes[0])

@@ -92,8 +92,9 @@ class MotionSettings:
     )
     time_jump: float = setting(
         1.0,
-        "A stamp that lies more than this before the newest begins a new pass, as a looping bag "
-        "does; a smaller step back is a late message: refused live, sorted in offline [s]",
+        "A stamp that lies more than this from the newest is believed only with the next message "
+        "near it: ahead after a hole, back as the begin of a new pass; a smaller step back is a "
+        "late message: refused live, sorted in offline [s]",
         minimum=0.0,
         maximum=LONGEST_TIME,
     )
@@ -111,7 +112,8 @@ class SlamSettings(MotionSettings):
     estimator: str = setting("robocentric", "Which filter runs, or module:Class of your own")
     retire_after: int = setting(
         1,
-        "A landmark unseen for this many feature frames leaves the dense block and its track",
+        "A landmark unseen for this many feature frames, missing ones included, leaves the dense "
+        "block and its track",
         minimum=1,
         maximum=MOST_FRAMES,
     )

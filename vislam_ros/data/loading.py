@@ -22,6 +22,7 @@ def load_passes(
     conventions: Conventions = AS_FOUND,
     rules: ReadingRules = DEFAULT_RULES,
     topics: Mapping[str, str] | None = None,
+    namespace: str = "",
     progress: Progress | None = None,
 ) -> tuple[Drive, ...]:
     """Read the drives of a dataset, which is one, or of a bag: one for each pass over the data.
@@ -32,7 +33,7 @@ def load_passes(
     conventions : Conventions, optional
         For datasets, see :func:`~vislam_ros.data.datasets.formats.read_dataset`. A bag is in this
         package's convention.
-    rules, topics : ReadingRules, mapping of str to str, optional
+    rules, topics, namespace : ReadingRules, mapping of str to str, str, optional
         For bags, see :func:`vislam_ros.data.bags.reader.read_passes`.
     progress : callable, optional
         For datasets, called with the share done.
@@ -47,7 +48,7 @@ def load_passes(
         return (read_dataset(path, conventions=conventions, progress=progress),)
     if is_bag(path):
         require_intact(path)
-        return read_passes(path, rules=rules, topics=topics)
+        return read_passes(path, rules=rules, topics=topics, namespace=namespace)
     if not path.exists():
         raise VislamError(f"{path}: no such file or directory")
     raise VislamError(
@@ -62,11 +63,17 @@ def load_drive(
     conventions: Conventions = AS_FOUND,
     rules: ReadingRules = DEFAULT_RULES,
     topics: Mapping[str, str] | None = None,
+    namespace: str = "",
     progress: Progress | None = None,
 ) -> Drive:
     """Read a drive, the first pass of :func:`load_passes`, with its arguments and errors."""
     first, *others = load_passes(
-        path, conventions=conventions, rules=rules, topics=topics, progress=progress
+        path,
+        conventions=conventions,
+        rules=rules,
+        topics=topics,
+        namespace=namespace,
+        progress=progress,
     )
     if others:
         note = f"The stamps begin anew: this is the first of {len(others) + 1} passes."

@@ -25,9 +25,11 @@ from vislam_ros.core.tracking.refusals import (
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import DIAGNOSTICS, Topic
 from vislam_ros.data.trajectory import stamp_text
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import OutputError, VislamError
 from vislam_ros.nodes import conversions
-from vislam_ros.nodes.topics import message_class, qos_profile
+from vislam_ros.nodes.steady import steady_timer
+from vislam_ros.nodes.subscribing import MatchingSubscription
+from vislam_ros.nodes.topics import message_class, qos_overrides, qos_profile
 
 PERIOD = 1.0
 """Seconds of the clock between two messages on /diagnostics; fewer where something changes."""
@@ -38,11 +40,15 @@ _CHECK_PERIOD = 0.2
 class Monitor:
     """Keeps a node alive whatever it is sent, and says on /diagnostics what that was.
 
+    Only an :class:`OutputError` goes through: a node that cannot write any more has to end.
+
     Parameters
     ----------
     node : Node
     describe : callable
         Gives, for the next report, what the node is doing in a few words and its own values.
+    warn : callable, optional
+        Tells what is wrong with that, if anything is.
 
     Attributes
     ----------
@@ -50,9 +56,15 @@ class Monitor:
         Messages that were not used.
     """
 
-    def __init__(self, node: Node, describe: Callable[[], tuple[str, Mapping[str, object]]]):
+    def __init__(
+        self,
+        node: Node,
+        describe: Callable[[], tuple[str, Mapping[str, object]]],
+        warn: Callable[[], str | None] = lambda: None,
+    ):
         self._node = node
         self._describe = describe
+        self._warn = warn
         self._callbacks: dict[str, Callable[..., None]] = {}
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
@@ -61,16 +73,27 @@ class Monitor:
         self._last_report = time.monotonic()
         self._last_received = self._received.copy()
         self._last_refused = 0
-        self._seen = 0
+        self._seen = self._reported_inputs = 0
         self._outputs: dict[str, Publisher] = {}
         self._subscribers: dict[str, int] = {}
+        self._inputs: dict[str, MatchingSubscription] = {}
+        self._unheard: list[str] = []
         self._publisher = self._create_publisher(DIAGNOSTICS)
-        self._timer = node.create_timer(_CHECK_PERIOD, self.guard("diagnostics", self._check))
+        steady_timer(node, _CHECK_PERIOD, self.guard("diagnostics", self._check))
 
     def _create_publisher(self, topic: Topic) -> Publisher:
-        return self._node.create_publisher(
-            message_class(topic.msgtype), topic.name, qos_profile(topic.qos)
-        )
+        with qos_overrides(topic.name) as overrides:
+            return self._node.create_publisher(
+                message_class(topic.msgtype),
+                topic.name,
+                qos_profile(topic.qos),
+                qos_overriding_options=overrides,
+            )
+
+    @property
+    def inputs(self) -> int:
+        """Messages that came, without the nodes' reports, which would give rise to others."""
+        return self._received.total() - self._received[DIAGNOSTICS.name]
 
     def advertise(self, topic: Topic) -> Publisher:
         """Create a publisher whose number of subscribers is reported as soon as it changes."""
@@ -93,12 +116,8 @@ class Monitor:
         """
         self._received[topic.name] = 0
         self._callbacks[topic.name] = callback if with_data else lambda msg, _data: callback(msg)
-        self._node.create_subscription(
-            message_class(topic.msgtype),
-            topic.name,
-            functools.partial(self.take, topic),
-            qos_profile(topic.qos),
-            raw=True,
+        self._inputs[topic.name] = MatchingSubscription(
+            self._node, topic, functools.partial(self.take, topic)
         )
 
     def take(self, topic: Topic, data: bytes) -> None:
@@ -111,6 +130,8 @@ class Monitor:
         except RefusedMessage as error:
             stamp = decoding.stamp_if_known(message)
             self.refuse(error.refusal, str(error), topic.stream, stamp)
+        except OutputError:
+            raise
         except Exception as error:
             self._fail(topic.name, error)
 
@@ -120,6 +141,8 @@ class Monitor:
         def guarded(*arguments: Any) -> None:
             try:
                 callback(*arguments)
+            except OutputError:
+                raise
             except Exception as error:
                 self._fail(name, error)
 
@@ -137,6 +160,8 @@ class Monitor:
         def on_request(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
                 response.message, response.success = handler(), True
+            except OutputError:
+                raise
             except VislamError as error:
                 response.message, response.success = str(error), False
             except Exception as error:
@@ -190,13 +215,24 @@ class Monitor:
                 )
 
     def _check(self) -> None:
+        self._look()
         # What came up to a pause is told at once: somebody may be waiting for the last of it.
-        received = _inputs(self._received)
-        pauses = _inputs(self._last_received) != received == self._seen
-        self._seen = received
+        pauses = self._reported_inputs != self.inputs == self._seen
+        self._seen = self.inputs
         elapsed = time.monotonic() - self._last_report
         if elapsed >= PERIOD or pauses or self._count_subscribers() != self._subscribers:
             self.report()
+
+    def _look(self) -> None:
+        """Hear who publishes now; tell in the log of those who cannot be heard."""
+        unheard = []
+        for subscription in self._inputs.values():
+            subscription.look()
+            unheard.extend(subscription.unheard())
+        for publisher in unheard:
+            if publisher not in self._unheard:
+                self._node.get_logger().warning(f"cannot hear {publisher}")
+        self._unheard = unheard
 
     def _count_subscribers(self) -> dict[str, int]:
         return {
@@ -212,6 +248,9 @@ class Monitor:
             for topic, count in self._received.items()
         }
         values.update({f"received {topic}": n for topic, n in self._received.items()})
+        for topic, subscription in self._inputs.items():
+            if heard_as := subscription.heard_as():
+                values[f"heard {topic}"] = heard_as
         message, own_values = self._describe()
         values.update(own_values)
         self._subscribers = self._count_subscribers()
@@ -222,6 +261,10 @@ class Monitor:
         status = conversions.status(self._node.get_fully_qualified_name(), values)
         total = self.refused.counts.total()
         newly_refused = total - self._last_refused
+        if warning := self._warn():
+            self.warn(warning)
+        for publisher in self._unheard:
+            self.warn(f"cannot hear {publisher}")
         if newly_refused:
             self.warn(f"{newly_refused} message(s) refused")
         status.level = DiagnosticStatus.WARN if self._warnings else DiagnosticStatus.OK
@@ -231,11 +274,7 @@ class Monitor:
         self.publish(self._publisher, conversions.status_array(stamp, [status]))
         self._last_report, self._last_refused = now, total
         self._last_received = self._received.copy()
-
-
-def _inputs(received: Counter[str]) -> int:
-    """Messages that came, without the nodes' reports, which would give rise to others."""
-    return received.total() - received[DIAGNOSTICS.name]
+        self._reported_inputs = self.inputs
 
 
 def _decoded(topic: Topic, data: bytes) -> Any:
@@ -245,6 +284,23 @@ def _decoded(topic: Topic, data: bytes) -> Any:
         raise RefusedMessage(Refusal.UNDECODABLE) from error
 
 
+def values_if_over(over: RefusalCounts) -> dict[str, object]:
+    """Values of a report on what will be refused if nothing more comes."""
+    first_stamps = over.first_stamps.items()
+    return {f"at end refused {word}": n for word, n in over.counts.items()} | {
+        f"at end first {word} [s]": stamp_text(stamp) for word, stamp in first_stamps
+    }
+
+
 def stamp_age(node: Node, stamp: int) -> float:
     """Seconds by which the node's clock is ahead of a stamp (ns)."""
     return (node.get_clock().now().nanoseconds - stamp) * 1e-9
+
+
+def neighbour(node: Node, name: str) -> str | None:
+    """Name of a node that reports as ``name`` where it is in the same namespace as another.
+
+    /diagnostics is one for all robots; None stands for a node of another one.
+    """
+    namespace, _, own = name.rpartition("/")
+    return own if namespace == node.get_namespace().rstrip("/") else None

@@ -67,22 +67,25 @@ def declare_slam_settings(node: Node) -> SlamSettings:
     """Declare the parameters of the chosen estimator and return their values.
 
     Those of other estimators are checked and not declared: they change nothing, and a line in
-    the log tells so where one was given other than its default. A name that no estimator and no
-    declared parameter has is told, too, so this comes last.
+    the log tells so where one was given other than its default.
 
     Raises
     ------
     SettingsError
         As :func:`declare_settings`, and where there is no such estimator.
     """
-    overrides = _overrides(node)
-    values = {name: overrides[name] for name in setting_owners(overrides) if name in overrides}
+    values = estimator_overrides(node)
     settings = declare_settings(node, type(slam_settings(values)))
     note = unused_note(values)
     if note:
         node.get_logger().warning(note)
-    warn_of_undeclared_overrides(node, known=values)
     return settings
+
+
+def estimator_overrides(node: Node) -> dict[str, Any]:
+    """Settings of estimators that a node was given, of the chosen one or another."""
+    overrides = _overrides(node)
+    return {name: overrides[name] for name in setting_owners(overrides) if name in overrides}
 
 
 def undeclared_overrides(node: Node, known: Container[str] = ()) -> dict[str, str]:
@@ -96,7 +99,10 @@ def undeclared_overrides(node: Node, known: Container[str] = ()) -> dict[str, st
 
 
 def warn_of_undeclared_overrides(node: Node, known: Container[str] = ()) -> None:
-    """Log a line for each override that rclpy would pass over in silence, but for those known."""
+    """Log a line for each override that rclpy would pass over in silence, but for those known.
+
+    This comes last in a node: subscriptions and publishers declare parameters, too.
+    """
     for name, hint in undeclared_overrides(node, known).items():
         node.get_logger().warning(f"{name}: no such parameter, it has no effect{hint}")
 

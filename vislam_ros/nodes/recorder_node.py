@@ -18,8 +18,8 @@ from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
-from std_srvs.srv import Trigger
 
+from vislam_ros.core.step import Row
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.core.tracking.stamp_pairs import StampPairs
 from vislam_ros.data.bags import decoding
@@ -33,19 +33,32 @@ from vislam_ros.data.bags.layout import (
     STEPS,
     Topic,
 )
-from vislam_ros.data.results.completeness import Ledger, NodeReport, counts_from_values
-from vislam_ros.data.results.recording import Pose, Raw, Recording
+from vislam_ros.data.results.completeness import (
+    Ledger,
+    NodeReport,
+    RecordedSteps,
+    counts_from_values,
+)
+from vislam_ros.data.results.recording import STOPPED, Pose, Raw, Recording
 from vislam_ros.errors import SettingsError
 from vislam_ros.nodes import conversions
-from vislam_ros.nodes.diagnostics import Monitor
-from vislam_ros.nodes.parameter_query import ParameterQuery
+from vislam_ros.nodes.diagnostics import Monitor, neighbour
 from vislam_ros.nodes.parameters import (
     declare_settings,
     warn_of_undeclared_overrides,
 )
+from vislam_ros.nodes.recorder.ending import Ending
+from vislam_ros.nodes.recorder.map_request import MapRequest
+from vislam_ros.nodes.recorder.parameter_query import ParameterQuery
 from vislam_ros.nodes.settings import RecorderSettings
-from vislam_ros.nodes.slam_report import row_from_values
+from vislam_ros.nodes.slam_report import (
+    PRESENT,
+    PREVIOUS,
+    row_from_values,
+    verdict_from_values,
+)
 from vislam_ros.nodes.spin import run
+from vislam_ros.nodes.steady import steady_timer
 
 GRACE_SECONDS = 5.0
 """How long the recorder waits without progress for what the player has sent."""
@@ -53,10 +66,14 @@ GRACE_SECONDS = 5.0
 ANSWER_SECONDS = 5.0
 """How long it waits for the nodes' parameters, and for the map where nobody offers one."""
 
+SILENCE_SECONDS = 0.5
+"""How long slam_node may say nothing to that where a player is there, as in ``vislam run``."""
+
 QUERIED = ("imu_prediction_node", "slam_node")
 """Nodes whose parameters go into ``params.yaml``."""
 
-_TICK_SECONDS = 0.2
+_TICK_SECONDS = 0.1
+_Step = tuple[Pose, Any, Row, Raw, float, int]
 
 
 class RecorderNode(Node):
@@ -65,7 +82,6 @@ class RecorderNode(Node):
     def __init__(self, **options: Any):
         super().__init__("recorder_node", **options)
         settings = declare_settings(self, RecorderSettings)
-        warn_of_undeclared_overrides(self)
         if not settings.directory:
             raise SettingsError("directory: is not set: give the result directory to write")
         self.recording = Recording(
@@ -74,14 +90,16 @@ class RecorderNode(Node):
         self._player: tuple[str, dict[str, int]] = ("absent", {})
         self._ledger = Ledger()
         self._steps = 0
-        self._last_progress = time.monotonic()
+        self._recorded = RecordedSteps()
+        self._last_progress = self._heard_slam_node = time.monotonic()
         self._waiting_since: float | None = None
-        self._map_asked_for: int | None = None
+        self._ending: Ending[_Step] | None = None
+        self._winds_up = False
         self._pairs = StampPairs(self._refuse_unpaired)
         own = {field.name: getattr(settings, field.name) for field in fields(RecorderSettings)}
-        self._parameters: dict[str, dict[str, Any]] = {"recorder_node": own}
-        self._map_client = self.create_client(Trigger, "slam_node/publish_landmarks")
+        self._parameters_of: dict[str, dict[str, Any]] = {"recorder_node": own}
         self.monitor = Monitor(self, self._describe)
+        self._map = MapRequest(self, self.monitor.guard("map", self._on_map_request))
         on_parameters = self.monitor.guard("parameters", self._on_parameters)
         self._query = ParameterQuery(self, QUERIED, on_parameters)
         self._record(ODOMETRY, self.on_odometry)
@@ -92,7 +110,9 @@ class RecorderNode(Node):
         self._record(PLAYER, self.on_player)
         self._record(DIAGNOSTICS, self.on_diagnostics)
         self.monitor.serve("~/flush", self.flush)
-        self.create_timer(_TICK_SECONDS, self.monitor.guard("timer", self.on_tick))
+        self.monitor.serve("~/finish", self.finish)
+        warn_of_undeclared_overrides(self)
+        steady_timer(self, _TICK_SECONDS, self.monitor.guard("timer", self.on_tick))
 
     def _record(self, topic: Topic, callback: Callable[[Any, Raw], None]) -> None:
         """Subscribe, keeping the messages' bytes as they came."""
@@ -106,22 +126,33 @@ class RecorderNode(Node):
         """Take the pose of a step."""
         pose = Pose(*decoding.pose(message), raw)
         covariance = conversions.covariance_from_odometry(message)
-        self._add_step(pose.stamp, self._pairs.add(0, pose.stamp, (pose, covariance)))
+        self._take_step(pose.stamp, self._pairs.add(0, pose.stamp, (pose, covariance)))
 
     def on_step(self, message: DiagnosticArray, raw: Raw) -> None:
         """Take what a step did."""
-        row, latency_ms = row_from_values(conversions.status_values(message, "slam_step"))
+        values = conversions.status_values(message, "slam_step")
+        row, latency_ms, number = row_from_values(values)
         stamp = decoding.stamp_of(message.header)
-        self._add_step(stamp, self._pairs.add(1, stamp, (row, latency_ms, raw)))
+        self._take_step(stamp, self._pairs.add(1, stamp, (row, raw, latency_ms, number)))
 
-    def _add_step(self, stamp: int, pair: tuple[Any, Any] | None) -> None:
+    def _take_step(self, stamp: int, pair: tuple[Any, Any] | None) -> None:
         if pair is None:
             return
-        (pose, covariance), (row, latency_ms, raw_row) = pair
-        self.recording.add_step(pose, covariance, row, raw_row, latency_ms=latency_ms)
-        self._steps += 1
-        self._last_progress = time.monotonic()
-        self._query.ask()
+        step: _Step = (*pair[0], *pair[1])
+        if self._ending is None or self._has_player():
+            self._add_steps([step])
+        else:
+            self._add_steps(self._ending.take(stamp, step))
+
+    def _add_steps(self, steps: list[_Step]) -> None:
+        for pose, covariance, row, raw_row, latency_ms, number in steps:
+            if not (self._recorded.count or self._has_player()) and number > 1:
+                self._ledger.join()
+            self.recording.add_step(pose, covariance, row, raw_row, latency_ms=latency_ms)
+            self._recorded.add(number)
+            self._steps += 1
+            self._last_progress = time.monotonic()
+            self._query.ask()
 
     def _refuse_unpaired(self, _stream: int, stamp: int) -> None:
         self.monitor.refuse(Refusal.UNPAIRED, stamp=stamp)
@@ -135,9 +166,15 @@ class RecorderNode(Node):
         self.recording.add_prediction(Pose(*decoding.pose(message), raw))
 
     def on_landmarks(self, message: PointCloud2, raw: Raw) -> None:
-        """Take a map."""
+        """Take a map; of one that ends the recording, only that."""
         stamp = decoding.stamp_of(message.header)
-        self.recording.add_landmarks(stamp, conversions.landmarks_from_message(message), raw)
+        if self._ending is None or self._ending.last in (None, stamp):
+            self.recording.add_landmarks(stamp, conversions.landmarks_from_message(message), raw)
+
+    def _on_map_request(self, stamp: int) -> None:
+        """Take as of which step slam_node has published the map that was asked for."""
+        if self._ending is not None:
+            self._add_steps(self._ending.end_at(stamp, self.recording.last_stamp))
 
     def on_player(self, message: DiagnosticArray, raw: Raw) -> None:
         """Take the player's state and how much it has sent."""
@@ -154,84 +191,173 @@ class RecorderNode(Node):
         self.recording.add_other(raw)
 
     def on_diagnostics(self, message: DiagnosticArray, raw: Raw) -> None:
-        """Take what the nodes report of themselves."""
+        """Take what the nodes of this namespace report of themselves."""
         self.recording.add_other(raw)
         for entry in message.status:
-            values = {value.key: value.value for value in entry.values}
-            node = entry.name.rpartition("/")[2]
+            node = neighbour(self, entry.name)
             if node not in QUERIED:
                 continue
+            values = {value.key: value.value for value in entry.values}
             if node == "slam_node":
+                self._heard_slam_node = time.monotonic()
                 self.recording.set_process(
                     peak_rss_mb=float(values["peak memory [MB]"]), resets=int(values["resets"])
                 )
+                for which in (PREVIOUS, PRESENT):
+                    if (judgement := verdict_from_values(values, which)) is not None:
+                        self.recording.set_verdict(judgement)
             if self._ledger.set_report(node, NodeReport.of_values(values)):
                 self._last_progress = time.monotonic()
             self.recording.set_refused(*self._ledger.refused(at_end=False))
 
     def on_tick(self) -> None:
-        """Keep the files up to date and, when the player has ended, bring the run to its end."""
-        recording, now = self.recording, time.monotonic()
-        recording.refresh()
-        if recording.finished or self._player[0] not in ("finished", "interrupted"):
-            self._waiting_since = None
+        """Keep the files up to date, and bring the run to its end when that has come."""
+        self.recording.refresh()
+        if self.recording.finished:
             return
-        if not self._ledger.is_settled(self._steps) and now - self._last_progress < GRACE_SECONDS:
+        now = time.monotonic()
+        if not self._is_over(now):
+            self._waiting_since = None
             return
         self._waiting_since = self._waiting_since or now
         self._query.ask()
-        self._ask_for_map()
-        has_map = recording.has_final_map or not self._steps
-        map_may_come = not has_map and self._map_client.service_is_ready()
-        patience = recording.map_patience if map_may_come else ANSWER_SECONDS
-        if (has_map and self._query.complete) or now - self._waiting_since > patience:
-            reason = self._shortfall()
-            ended = self._player[0] == "finished"
-            recording.set_refused(*self._ledger.refused(at_end=ended))
-            recording.finish(complete=not reason, reason=reason)
-            self.get_logger().info(
-                f"{recording.directory}: {f'incomplete: {reason}' if reason else 'complete'}"
-            )
+        if self._may_ask_for_map():
+            self._map.ask(self.recording.last_stamp)
+        if self._is_done(now, now - self._waiting_since):
+            self._conclude()
 
-    def _ask_for_map(self) -> None:
-        """Ask for the map of the last step, once for each."""
-        wanted = self.recording.last_stamp
-        if wanted not in (None, self._map_asked_for) and self._map_client.service_is_ready():
-            self._map_asked_for = wanted
-            self._map_client.call_async(Trigger.Request())
+    def _is_over(self, now: float) -> bool:
+        """Whether nothing is to come but the map and the nodes' parameters."""
+        if not self._has_player_ended():
+            return self._ending is not None
+        if self._ledger.is_settled(self._steps) or self._is_quiet(now):
+            return True
+        return now - self._last_progress >= GRACE_SECONDS
+
+    def _may_ask_for_map(self) -> bool:
+        """Whether the map is to be the exact one of the last step.
+
+        While a player is at work there is none: whoever ends the recorder ends the run.
+        """
+        if self._ending is None or self._has_player_ended():
+            return True
+        return not self._has_player() and self._ending.last is None
+
+    def _is_done(self, now: float, waited: float) -> bool:
+        """Whether these are here, or need not be waited for any longer (s)."""
+        is_stopped = self._ending is not None and self._has_player()
+        if is_stopped and not self._is_quiet(now):
+            return False
+        if is_stopped and not self._has_player_ended():
+            return True
+        map_may_come = self._map.is_possible and not self._map.failed
+        if self._ending is not None and not map_may_come:
+            return self._is_quiet(now)
+        # A map that slam_node publishes by itself is not the exact one.
+        has_map = self.recording.has_final_map and (self._map.answered or not map_may_come)
+        if has_map or not (self._steps or self._ending):
+            return self._query.complete or waited > ANSWER_SECONDS
+        if self._ending is not None and self._heard_slam_node < now - waited:
+            return waited > (ANSWER_SECONDS if self._player[0] == "absent" else SILENCE_SECONDS)
+        return waited > (self.recording.map_patience if map_may_come else ANSWER_SECONDS)
+
+    def _is_quiet(self, now: float) -> bool:
+        """Whether the recorder was told to end and nothing comes any more."""
+        return self._ending is not None and self._ending.is_quiet(now, self.monitor.inputs)
+
+    def _has_player(self) -> bool:
+        return self._player[0] != "absent"
+
+    def _has_player_ended(self) -> bool:
+        return self._player[0] in ("finished", "interrupted")
+
+    def _conclude(self) -> None:
+        """Close the files and say how the run ended."""
+        recording = self.recording
+        if self._ending is not None:
+            self._add_steps(self._ending.end_here())
+        reason = self._shortfall()
+        ended = self._player[0] == "finished"
+        recording.set_refused(*self._ledger.refused(at_end=ended))
+        recording.finish(complete=not reason, reason=reason)
+        self.get_logger().info(
+            f"{recording.directory}: {f'incomplete: {reason}' if reason else 'complete'}"
+        )
 
     def _shortfall(self) -> str | None:
         """What keeps the run from being whole."""
         if self._player[0] == "interrupted":
             return "the player was interrupted"
-        if reason := self._ledger.shortfall(self._steps):
+        if self._player[0] == "finished":
+            reason = self._ledger.shortfall(self._steps)
+        elif self._player[0] == "absent":
+            cut = self._ending is not None and self._ending.last is not None
+            reason = self._ledger.gap(self._recorded, to_the_end=not cut)
+        else:
+            reason = self._stopped()
+        if reason:
             return reason
         return None if self.recording.has_final_map else "the landmark map did not arrive"
 
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
-        self._parameters[node] = values
+        self._parameters_of[node] = values
         if not self.recording.finished:
-            self.recording.set_parameters(dict(sorted(self._parameters.items())))
+            self.recording.set_parameters(dict(sorted(self._parameters_of.items())))
 
     def flush(self) -> str:
         """Bring all files up to date."""
         self.recording.flush()
         return f"{self._steps} steps in {self.recording.directory}"
 
+    def finish(self) -> str:
+        """Begin to end the recording as it stands, and then this node."""
+        if self._ending is None:
+            self._ending = Ending(time.monotonic(), self.monitor.inputs)
+            # Said at once, so that whoever sends may end before it.
+            self.recording.announce_end(self._stopped())
+        return (
+            f"{self.recording.directory} will hold {self._steps} steps or more: see summary.json"
+        )
+
+    @property
+    def is_told_to_end(self) -> bool:
+        """Whether the recording is to end, by :meth:`finish` or by a signal."""
+        return self._ending is not None
+
+    def wind_up(self, *, hurried: bool) -> bool:
+        """End the recording; tell whether it has ended. Hurried, it ends as it stands."""
+        self.finish()
+        if not self._winds_up:
+            self._winds_up = True
+        elif self._ending is not None:
+            names = (self.resolve_topic_name(topic.name) for topic in (ODOMETRY, PREDICTION))
+            more_may_come = any(map(self.count_publishers, names))
+            self._ending.note_empty(time.monotonic(), more_may_come=more_may_come)
+        if hurried and not self.recording.finished:
+            self._conclude()
+        return self.recording.finished
+
     def _describe(self) -> tuple[str, dict[str, object]]:
-        finished = self.recording.finished
-        return "finished" if finished else "recording", {
+        activity = "ending" if self.is_told_to_end else "recording"
+        return "finished" if self.recording.finished else activity, {
             "steps": self._steps,
             "features sent": self._ledger.features_sent,
             "player": self._player[0],
             "directory": str(self.recording.directory),
         }
 
+    def _stopped(self) -> str:
+        what = "the recorder could not go on" if self._ending is None else STOPPED
+        return f"{what} while the player was {self._player[0]}"
+
     def destroy_node(self) -> None:
         """Close the files; a run that has not ended is marked as incomplete."""
-        reason = f"the recorder was stopped while the player was {self._player[0]}"
-        self.recording.finish(complete=False, reason=reason)
-        super().destroy_node()
+        try:
+            if self._ending is not None:
+                self._add_steps(self._ending.end_here())
+            self.recording.finish(complete=False, reason=self._stopped())
+        finally:
+            super().destroy_node()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -24,13 +24,19 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import SlamStep
 from vislam_ros.data.bags import decoding, layout
-from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration, differences
 from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor
-from vislam_ros.nodes.parameters import declare_settings, declare_slam_settings
+from vislam_ros.nodes.parameters import (
+    declare_settings,
+    declare_slam_settings,
+    estimator_overrides,
+    warn_of_undeclared_overrides,
+)
+from vislam_ros.nodes.recorder.map_request import map_answer
 from vislam_ros.nodes.settings import SlamNodeSettings, SlamOutputSettings
 from vislam_ros.nodes.slam_report import SlamReport, step_values
 from vislam_ros.nodes.spin import run
@@ -61,9 +67,10 @@ class SlamNode(Node):
         self._received_at: dict[int, float] = {}
         self._last_stamp: int | None = None
         self._landmarks_published: tuple[int, float] | None = None  # data stamp, clock
+        self._published_stamp: int | None = None
         self._path: deque[Any] = deque(maxlen=self._output.path_length)
         self._report = SlamReport(self, self.core)
-        self.monitor = Monitor(self, self._describe)
+        self.monitor = Monitor(self, self._describe, self._report.warning)
         self._tf = TransformSender(self, self.monitor)
         self._odometry = self.monitor.advertise(layout.ODOMETRY)
         self._steps = self.monitor.advertise(layout.STEPS)
@@ -76,12 +83,20 @@ class SlamNode(Node):
         self.monitor.subscribe(layout.FEATURES, self.on_features)
         self.monitor.serve("~/reset", self.reset)
         self.monitor.serve("~/publish_landmarks", self.publish_landmarks)
+        warn_of_undeclared_overrides(self, known=estimator_overrides(self))
 
     def on_calibration(self, topic: Topic, message: CameraInfo | TransformStamped) -> None:
         """Take a camera info or the extrinsics."""
+        before = self._calibration.camera
         camera = self._calibration.add(topic, message)
-        if camera is not None:
-            self._publish(self.core.set_camera(camera))
+        if camera is None:
+            return
+        if before is not None:
+            when = "the next pass or reset" if self.core.has_begun else "the first frame"
+            self.get_logger().warning(
+                f"the calibration changed ({differences(before, camera)}): it holds from {when} on"
+            )
+        self._publish(self.core.set_camera(camera))
 
     def on_prediction(self, message: Odometry) -> None:
         """Take a predicted pose."""
@@ -105,7 +120,9 @@ class SlamNode(Node):
             self._received_at.clear()
 
     def _begin_pass(self) -> None:
-        """Publish the map that the last pass ended with; a recorder may want it."""
+        """Publish the verdict and the map that the last pass ended with, for a recorder."""
+        if self._last_stamp is not None:
+            self.monitor.report()
         if self._last_stamp is not None and self.core.previous_map is not None:
             self._publish_landmarks(self._last_stamp, self.core.previous_map)
         self._landmarks_published = None
@@ -127,11 +144,16 @@ class SlamNode(Node):
         now = time.monotonic()
         latency_ms = 1e3 * (now - self._received_at.pop(step.stamp, now))
         row = step.row()
+        self._report.add(step, row)
         self.monitor.publish(
             self._steps,
             conversions.status_array(
                 odometry.header.stamp,
-                [conversions.status("slam_step", step_values(row, latency_ms))],
+                [
+                    conversions.status(
+                        "slam_step", step_values(row, latency_ms, self._report.steps)
+                    )
+                ],
                 settings.map_frame,
             ),
         )
@@ -153,7 +175,6 @@ class SlamNode(Node):
         if output.path_length:
             self._path.append((step.stamp, step.position, step.quaternion))
         self._last_stamp = step.stamp
-        self._report.add(step, row)
         if self._is_time_for_landmarks(step.stamp, now):
             self._publish_landmarks(step.stamp, self.core.landmarks())
             self._publish_path(step.stamp)
@@ -171,6 +192,7 @@ class SlamNode(Node):
         message = conversions.landmarks_to_message(stamp, self._settings.map_frame, landmarks)
         self.monitor.publish(self._landmarks, message)
         self._landmarks_published = (stamp, time.monotonic())
+        self._published_stamp = stamp
 
     def _publish_path(self, stamp: int) -> None:
         if self._output.path_length and self._paths.get_subscription_count():
@@ -191,11 +213,19 @@ class SlamNode(Node):
         """
         if self._last_stamp is None:
             raise VislamError("there was no step yet")
+        self.monitor.report()  # who asked may wonder whether there is anybody
         landmarks = self.core.best_landmarks()
         self._publish_landmarks(self._last_stamp, landmarks)
         self._publish_path(self._last_stamp)
         self.monitor.report()
-        return f"{len(landmarks)} landmarks"
+        return map_answer(len(landmarks), self._last_stamp)
+
+    def wind_up(self, *, hurried: bool) -> bool:
+        """Leave the map and the counts as they stand, which nobody can ask for any more."""
+        if self._last_stamp is not None and self._published_stamp != self._last_stamp:
+            self._publish_landmarks(self._last_stamp, self.core.landmarks())
+        self.monitor.report()
+        return True
 
     def _change_output(self, output: SlamOutputSettings) -> None:
         self._output = output

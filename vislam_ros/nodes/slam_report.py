@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What slam_node says of its steps: each on ``slam/steps``, all since the last on /diagnostics."""
 
+import itertools
 from collections.abc import Mapping
 
 from rclpy.node import Node
@@ -9,14 +10,18 @@ from rclpy.node import Node
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import KINDS, Row, SlamStep, StepTotals
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
+from vislam_ros.core.verdict.reason import Judgement, Word
 from vislam_ros.data.results.summary import peak_rss_mb
-from vislam_ros.data.trajectory import stamp_text
-from vislam_ros.nodes.diagnostics import stamp_age
+from vislam_ros.nodes.diagnostics import stamp_age, values_if_over
 
 _LATENCY = "latency_ms"
+_NUMBER = "number"
+
+#: Verdicts on /diagnostics: on the steps so far, and on those before the estimate began anew.
+PRESENT, PREVIOUS = "verdict", "previous verdict"
 
 
-def step_values(row: Row, latency_ms: float) -> dict[str, object]:
+def step_values(row: Row, latency_ms: float, number: int) -> dict[str, object]:
     """Values of a status on ``slam/steps``.
 
     Parameters
@@ -25,11 +30,13 @@ def step_values(row: Row, latency_ms: float) -> dict[str, object]:
         The step's numbers by column.
     latency_ms : float
         From receiving the features to publishing their pose, milliseconds.
+    number : int
+        How many steps the node has published, this one included.
     """
-    return {**row, _LATENCY: latency_ms}
+    return {**row, _LATENCY: latency_ms, _NUMBER: number}
 
 
-def row_from_values(values: Mapping[str, str]) -> tuple[Row, float]:
+def row_from_values(values: Mapping[str, str]) -> tuple[Row, float, int]:
     """Inverse of :func:`step_values`.
 
     Raises
@@ -43,13 +50,42 @@ def row_from_values(values: Mapping[str, str]) -> tuple[Row, float]:
         )
     try:
         row = {name: _number(KINDS.get(name, float), text) for name, text in values.items()}
-        return row, row.pop(_LATENCY)
+        return row, row.pop(_LATENCY), int(row.pop(_NUMBER))
     except (KeyError, ValueError) as error:
         raise RefusedMessage(Refusal.BAD_FIELDS, f"slam/steps: {error}") from error
 
 
 def _number(kind: type, text: str) -> float:
     return text == "true" if kind is bool else kind(text)
+
+
+def verdict_values(judgement: Judgement, which: str = PRESENT) -> dict[str, object]:
+    """Values of a verdict on /diagnostics."""
+    reasons = {
+        f"{which} reason {number}": reason
+        for number, reason in enumerate(judgement.reasons, start=1)
+    }
+    return {which: judgement.word.value, f"{which} at [ns]": judgement.stamp, **reasons}
+
+
+def verdict_from_values(values: Mapping[str, str], which: str = PRESENT) -> Judgement | None:
+    """Inverse of :func:`verdict_values`; None where there is none.
+
+    Raises
+    ------
+    RefusedMessage
+        ``bad_fields``, where there is another word or no stamp.
+    """
+    if which not in values:
+        return None
+    try:
+        word, stamp = Word(values[which]), int(values[f"{which} at [ns]"])
+    except (KeyError, ValueError) as error:
+        raise RefusedMessage(Refusal.BAD_FIELDS, f"{which}: {error}") from error
+    numbers = itertools.takewhile(
+        lambda number: f"{which} reason {number}" in values, itertools.count(1)
+    )
+    return Judgement(stamp, word, tuple(values[f"{which} reason {n}"] for n in numbers))
 
 
 class SlamReport:
@@ -62,6 +98,12 @@ class SlamReport:
         self._frozen = self._left_out = 0
         self._recent = StepTotals()
         self._last: SlamStep | None = None
+        self._warned = False
+
+    @property
+    def steps(self) -> int:
+        """How many steps were noted."""
+        return self._total
 
     def add(self, step: SlamStep, row: Row) -> None:
         """Note a step and its numbers by column."""
@@ -86,9 +128,7 @@ class SlamReport:
             "features waiting": len(self._core.waiting),
             "left out": self._left_out,
         }
-        if self._core.waiting:
-            values["first waiting [s]"] = stamp_text(self._core.waiting[0])
-            values["waiting would be"] = self._core.waits_for.word
+        values.update(values_if_over(self._core.refused_if_over))
         if self._last is not None:
             values["stamp age [s]"] = stamp_age(self._node, self._last.stamp)
             values["active landmarks"] = self._last.active
@@ -102,4 +142,24 @@ class SlamReport:
             values["step mean [ms]"] = sum(recent.ms) / recent.steps
             values["step max [ms]"] = max(recent.ms)
         values["peak memory [MB]"] = peak_rss_mb() or 0.0
+        for which, judgement in (
+            (PREVIOUS, self._core.previous_verdict),
+            (PRESENT, self._core.verdict()),
+        ):
+            if judgement is not None:
+                values.update(verdict_values(judgement, which))
         return values
+
+    def warning(self) -> str | None:
+        """What is wrong at present, logged when it begins and when it ends."""
+        judgement = self._core.present_verdict()
+        if judgement is None or judgement.word is Word.GOOD:
+            if self._warned:
+                self._node.get_logger().info("all is well again")
+            self._warned = False
+            return None
+        warning = f"{judgement.word.value}: {judgement.reasons[0]}"
+        if not self._warned:
+            self._node.get_logger().warning(warning)
+        self._warned = True
+        return warning

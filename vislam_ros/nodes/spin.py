@@ -2,26 +2,66 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node as a process: one line where it cannot start, exit 0 where a signal ends it."""
 
+import atexit
+import gc
 import signal
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from types import FrameType
+from typing import Protocol, runtime_checkable
 
 import rclpy
 import rclpy.logging
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.duration import Duration
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.node import Node
-from rclpy.utilities import ok, try_shutdown
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
 
 from vislam_ros.errors import VislamError, one_line
+from vislam_ros.nodes.steady import steady_timer
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# How soon a signal is noticed where nothing else happens.
+_POLL_SECONDS = 0.05
+_ARRIVAL_SECONDS = 0.3
+_LONGEST_SECONDS = 5.0
+# A signal that comes so soon after the first is the same wish.
+_AT_ONCE_SECONDS = 1.0
+
+
+@runtime_checkable
+class WindsUp(Protocol):
+    """A node that has something to do when it is told to end."""
+
+    def wind_up(self, *, hurried: bool) -> bool:
+        """Tell whether the node may end; it is spun, and asked again, until it may.
+
+        But for the first time it is asked when nothing waits to be taken. It is hurried where it
+        was told again.
+        """
+
+
+@runtime_checkable
+class EndsItself(Protocol):
+    """A node that may be told to end by other ways than a signal."""
+
+    @property
+    def is_told_to_end(self) -> bool:
+        """Whether it was."""
 
 
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Make a node and spin it until SIGINT or SIGTERM.
 
-    The first SIGINT lets the callback at work finish; further ones do nothing. A node that has
-    files or threads to finish does so in ``destroy_node``.
+    The first signal lets the callback at work finish. Then a node that :class:`WindsUp` does so,
+    and hurries if another signal comes, but for one that comes at once: a terminal and a launcher
+    may both send the first. What any node has published gets a moment to arrive. A node that
+    has files or threads to finish does so in ``destroy_node``.
 
     Parameters
     ----------
@@ -32,62 +72,105 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     Returns
     -------
     int
-        0 after a signal, 1 where the node could not start or not finish its files.
+        0 after a signal, 1 where the node could not start or could not go on.
     """
-    interrupted = initialized = False
+    told_at: list[float] = []
 
-    def on_interrupt(_signal: int, _frame: FrameType | None) -> None:
-        # rclpy's handler runs first and shuts the context down, which ends the spinning.
-        nonlocal interrupted
-        interrupted = True
+    def on_signal(_signal: int, _frame: FrameType | None) -> None:
+        # rclpy's own handler would shut the context down with all that still waits in it.
+        told_at.append(time.monotonic())
 
-    signal.signal(signal.SIGINT, on_interrupt)
+    atexit.register(gc.freeze)  # a collection before the end frees nothing and takes long
+    for number in _SIGNALS:
+        signal.signal(number, on_signal)
     try:
-        try:
-            _init(args)
-            initialized = True
-            node = make_node()
-        except Exception:
-            if interrupted or (initialized and not ok()):
-                return 0  # the context went away while the node was being made
-            raise
-        _spin(node)
-    except (VislamError, RuntimeError) as error:
-        print(f"error: {one_line(_reason(error))}", file=sys.stderr)
+        init_ros(args)
+        _spin(make_node(), told_at)
+    except (VislamError, RuntimeError, ParameterException) as error:
+        with suppress(OSError):  # nobody may be left to hear it
+            print(f"error: {one_line(_reason(error))}", file=sys.stderr)
         return 1
     finally:
         try_shutdown()
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 
-def _init(args: list[str] | None) -> None:
-    """Initialise ROS, whose own lines about bad arguments would stand beside ours."""
+def init_ros(args: list[str] | None = None) -> None:
+    """Initialise ROS without its signal handlers, which would shut it down at once.
+
+    Parameters
+    ----------
+    args : list of str, optional
+        Command line with the program's name, :data:`sys.argv` by default.
+
+    Raises
+    ------
+    VislamError
+        Where an argument will not do; ROS's own lines about it would stand beside ours.
+    """
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.FATAL)
-    rclpy.init(args=args)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise VislamError(_reason(error)) from error
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
-def _spin(node: Node) -> None:
+def _spin(node: Node, told_at: Sequence[float]) -> None:
     executor = SingleThreadedExecutor()
     try:
         executor.add_node(node)
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except RuntimeError:
-        # A signal may shut the context down between any two calls of the executor.
-        if ok():
-            raise
-    finally:
+        # A signal does not end the executor's wait.
+        steady_timer(node, _POLL_SECONDS, lambda: None)
+        ends_itself = node if isinstance(node, EndsItself) else None
+        while not (told_at or (ends_itself is not None and ends_itself.is_told_to_end)):
+            executor.spin_once()
+        while isinstance(node, WindsUp) and not node.wind_up(hurried=_is_hurried(told_at)):
+            executor.spin_once()
+            _work_off(executor)
+        _let_arrive(node)
+    except BaseException:
         executor.shutdown()
-        node.destroy_node()
+        with suppress(VislamError):  # the error at hand came first
+            node.destroy_node()
+        raise
+    executor.shutdown()
+    node.destroy_node()
+
+
+def _work_off(executor: SingleThreadedExecutor) -> None:
+    """Take what waits until nothing does, but not for ever: more may come all the time."""
+    end = time.monotonic() + _LONGEST_SECONDS
+    works = True
+    while works and time.monotonic() < end:
+        works = False
+        with suppress(TimeoutException):  # at the end of each look at what is ready
+            while True:
+                handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
+                works = True
+                handler()
+                handler.result()  # raises what the callback did
+
+
+def _is_hurried(told_at: Sequence[float]) -> bool:
+    return bool(told_at) and told_at[-1] - told_at[0] > _AT_ONCE_SECONDS
+
+
+def _let_arrive(node: Node) -> None:
+    """Wait until the subscribers have what was published, but not long: one may be dead."""
+    end = time.monotonic() + _ARRIVAL_SECONDS
+    for publisher in node.publishers:
+        publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
 
 def _reason(error: Exception) -> str:
     """One line of an error, without the places in rcl's sources that passed it on."""
     lines = str(error).splitlines() or [type(error).__name__]
     text = lines[0].split(", at /")[0].removeprefix("failed to initialize rcl: ")
+    if text.startswith("["):  # all that rclpy says of arguments that it does not know
+        return f"no such ROS arguments: {text}"
     if "logging directory" in text:
         return "no folder for log files: set HOME or ROS_LOG_DIR"
     return text

@@ -24,6 +24,7 @@ def test_an_empty_run_has_every_field_and_claims_nothing() -> None:
         "nis_per_dof",
         "step_ms_p50",
         "realtime_factor",
+        "verdict",
     )
     assert [summary[name] for name in unknown] == [None] * len(unknown)
     assert {
@@ -39,6 +40,7 @@ def test_an_empty_run_has_every_field_and_claims_nothing() -> None:
         "latency_ms_p99",
         "resets",
         "refused",
+        "verdict_reasons",
         "estimates",
     } <= set(summary)
 

@@ -5,7 +5,7 @@
 import threading
 
 import pytest
-from listening import STEPS, WAIT, Listener
+from live.listening import STEPS, WAIT, Listener
 from rclpy.executors import SingleThreadedExecutor
 
 from vislam_ros.data.bags.bag_messages import BagMessages

@@ -72,6 +72,18 @@ def test_the_time_of_a_pause_is_left_out() -> None:
     assert clock.seconds_paused() == 50.0
 
 
+def test_the_time_in_which_the_process_stood_still_is_left_out() -> None:
+    clock, wall = make_clock(2.0)
+    clock.start(0)
+    wall.now += 1.0
+    assert clock.position() == 2 * SECOND
+    wall.now += 50.0  # Ctrl-Z and fg
+    assert clock.position() == 2 * SECOND
+    assert clock.wait(4 * SECOND)
+    assert wall.now == pytest.approx(152.0, abs=0.02)
+    assert clock.seconds_paused() == 50.0
+
+
 def test_after_steps_the_rest_keeps_its_distance() -> None:
     clock, wall = make_clock(1.0, paused=True)
     clock.start(0)

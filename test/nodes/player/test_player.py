@@ -10,7 +10,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from listening import FULL_SPEED, LATCHES, STEPS, STREAMS, recorded, wait_until
+from live.listening import FULL_SPEED, LATCHES, STEPS, STREAMS, recorded, wait_until
 from places import REPOSITORY
 from rclpy.serialization import deserialize_message
 from rewriting import JUNK, changing, rewritten
@@ -20,7 +20,7 @@ from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.layout import CLOCK, FEATURES, IMU, TWIST
 from vislam_ros.data.bags.writer import write_bag
 from vislam_ros.errors import VislamError
-from vislam_ros.nodes.player import player
+from vislam_ros.nodes.player import outlets, player
 
 
 @pytest.mark.parametrize("rate", [0.0, 20.0])
@@ -154,16 +154,44 @@ def test_only_the_chosen_topics_are_played_and_under_their_new_names(listen, mak
     assert listener.heard["/car/twist"] == recorded(bag, TWIST.recorded)
 
 
+def test_a_bag_is_played_into_the_namespace_of_a_robot(listen, make_player, bag):
+    listener = listen(topics=[])
+    listener.listen(TWIST, "/car/imu/twist")
+    options = dataclasses.replace(FULL_SPEED, topics=(TWIST.name,), namespace="car")
+    node = make_player(options)
+    assert node.play().state == "finished"
+    wait_until(lambda: len(listener.heard["/car/imu/twist"]) >= STEPS, "the twists")
+    assert listener.heard["/car/imu/twist"] == recorded(bag, TWIST.recorded)
+    assert node.get_fully_qualified_name() == "/car/player"
+
+
+def test_what_nobody_took_is_told(listen, make_player):
+    listener = listen(topics=[TWIST])
+    topics = (TWIST.name, IMU.name, FEATURES.name)
+    report = make_player(dataclasses.replace(FULL_SPEED, topics=topics, wait=0.5)).play()
+    assert report.delivered
+    assert report.untaken == {IMU.recorded: STEPS, FEATURES.recorded: STEPS}
+    wait_until(lambda: len(listener.heard[TWIST.recorded]) == STEPS, "the twists")
+
+
+def test_latched_messages_are_taken_by_who_comes_before_the_end(listen, make_player, bag):
+    node = make_player(dataclasses.replace(FULL_SPEED, wait=0.0, topics=(LATCHES[0].name,)))
+    node.clock.pause()
+    node.clock.step()
+    listen(topics=[LATCHES[0]])
+    assert node.play().untaken == {}
+
+
 def test_a_topic_that_the_bag_does_not_have_is_an_error_with_a_choice(make_player):
     with pytest.raises(VislamError, match=r"no topic /imu/mag: choose from .*/imu/twist"):
         make_player(dataclasses.replace(FULL_SPEED, topics=("imu/mag",)))
 
 
 def test_a_topic_whose_type_is_not_installed_is_left_out(make_player, bag, monkeypatch):
-    def find(msgtype, find=player.message_class):
+    def find(msgtype, find=outlets.message_class):
         return None if msgtype.startswith("sensor_msgs/msg/Imu") else find(msgtype)
 
-    monkeypatch.setattr(player, "message_class", find)
+    monkeypatch.setattr(outlets, "message_class", find)
     counts = Counter({connection.topic: connection.count for connection in bag.connections})
     topics = tuple(topic.recorded for topic in (*STREAMS, *LATCHES))
     played = [topic for topic in topics if topic != IMU.recorded]

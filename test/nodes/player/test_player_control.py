@@ -4,7 +4,7 @@
 
 import dataclasses
 
-from listening import FULL_SPEED, STEPS, WAIT, wait_until
+from live.listening import FULL_SPEED, STEPS, WAIT, wait_until
 from std_srvs.srv import Trigger
 
 from vislam_ros.data.bags.layout import FEATURES, TWIST

@@ -39,7 +39,7 @@ def test_a_frame_that_came_late_is_answered_with_the_one_before_it(window):
 
 
 def test_after_a_stall_answers_are_expected_again_with_the_next_one(window):
-    window.forget()
+    window.expect_none()
     assert (window.waiting, window.answered) == (0, False)
     window.add(40)
     window.acknowledge(40)
@@ -50,9 +50,7 @@ def test_after_a_stall_answers_are_expected_again_with_the_next_one(window):
 def test_frames_that_the_graph_refused_are_no_longer_waited_for(window):
     window.settle(taken=3, waiting=1)
     assert (window.acknowledged, window.waiting) == (2, 1)
-    assert window.has_taken_all()
     window.add(40)
-    assert not window.has_taken_all()
     window.settle(taken=3, waiting=1)
     assert window.waiting == 2
 

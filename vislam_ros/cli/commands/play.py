@@ -8,17 +8,18 @@ import signal
 import sys
 from types import FrameType
 
-import rclpy
-from rclpy.signals import SignalHandlerOptions
+from rclpy.exceptions import ParameterException
 from rclpy.utilities import try_shutdown
 
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.integrity import require_intact
+from vislam_ros.errors import VislamError
 from vislam_ros.nodes.player.keys import RIGHT_ARROW, SPACE, watch_keys
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
 from vislam_ros.nodes.player.player import Player
+from vislam_ros.nodes.spin import init_ros
 
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -30,9 +31,12 @@ def run(arguments: argparse.Namespace) -> int:
     require_intact(arguments.bag)
     with BagMessages(arguments.bag) as bag:
         # The handlers below are ours: rclpy's would end ROS before the player said good-bye.
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        init_ros(["vislam", "--ros-args", *arguments.ros_args])
         try:
-            player = Player(bag, options)
+            try:
+                player = Player(bag, options)
+            except ParameterException as error:
+                raise VislamError(str(error).splitlines()[0]) from error
             try:
                 report = _play(player, bag, options)
             finally:
@@ -63,7 +67,19 @@ def _play(player: Player, bag: BagMessages, options: PlayOptions) -> PlayReport:
 def _print(report: PlayReport) -> None:
     print(
         f"{report.state}: {report.messages} messages, {report.bag_seconds:.2f} s in "
-        f"{report.wall_seconds:.2f} s ({report.rate:.2f} times real time), "
-        f"{'all' if report.delivered else 'NOT all'} delivered",
+        f"{report.wall_seconds:.2f} s ({report.rate:.2f} times real time), {_delivery(report)}",
         file=sys.stderr,
     )
+
+
+def _delivery(report: PlayReport) -> str:
+    """What became of the messages."""
+    untaken = sum(report.untaken.values())
+    if untaken and untaken == report.messages:
+        return "and nobody listened"
+    if not report.delivered:
+        return "NOT all delivered"
+    if not untaken:
+        return "all delivered"
+    topics = ", ".join(sorted(report.untaken))
+    return f"{report.messages - untaken} delivered and {untaken} taken by nobody ({topics})"

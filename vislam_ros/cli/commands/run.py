@@ -12,36 +12,41 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.ending import PassResults, print_passes, require_complete
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.lines import tell
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters, shared_file
+from vislam_ros.cli.played_bag import PlayedBag, renamed_topics
 from vislam_ros.cli.processes import Child, Children
 from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.screen import progress_bar
-from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
+from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import require_intact
-from vislam_ros.data.bags.layout import FEATURES
 from vislam_ros.data.bags.reader import ReadingRules, check_readable
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.parameter_file import write_parameters
 from vislam_ros.data.files.whole_file import replace_file
-from vislam_ros.data.results.recording import map_patience
+from vislam_ros.data.results.recording import STOPPED, map_patience
 from vislam_ros.data.results.summary import RunSummary, read_summary
 from vislam_ros.data.results.writer import pass_directories, refuse_used
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import OutputError, VislamError
 
 NODES = ("imu_prediction_node", "slam_node", "recorder_node")
 
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
-_POLL_SECONDS = 0.1
+_INTERRUPTED = "the run was interrupted"
+_POLL_SECONDS = 0.02
+_LOOKS_A_SUMMARY = 5
+# Long enough to stop a process and let it go on by hand; the whole run ends within 2 s.
+_STOPPED_SECONDS = 1.0
 _START_UP_SECONDS = 60.0
 # The recorder waits for the map and then says how the run ended: so much longer than it.
 _SETTLING_SECONDS = 30.0
@@ -63,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
             _run_graph(bag, results, parameters, arguments.rate, Path(scratch))
         except (KeyboardInterrupt, VislamError) as caught:
             error = caught
-        passes = _end_summaries(results, started, arguments.data.stem)
+        passes = _end_summaries(results, started, arguments.data.stem, error)
     print_passes(passes)
     if isinstance(error, KeyboardInterrupt):
         tell(f"interrupted: what there is stands in {results}")
@@ -110,12 +115,13 @@ def _ignore_interrupts() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> Path:
+def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> PlayedBag:
     """Return the bag to play: the one given, if the nodes can use it, or one of the dataset."""
+    renamed, namespace = renamed_topics(arguments), arguments.namespace
     if is_bag(arguments.data):
         require_intact(arguments.data)
-        check_readable(arguments.data, rules=rules)
-        return Path(arguments.data).resolve()
+        check_readable(arguments.data, rules=rules, topics=renamed, namespace=namespace)
+        return PlayedBag.of(Path(arguments.data).resolve(), namespace, renamed)
     use_format(arguments)
     bag = scratch / arguments.data.stem
     with progress_bar("converting", 1.0) as update:
@@ -127,54 +133,54 @@ def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> P
             progress=lambda share: update(share, ""),
         )
     print_notes(drive)
-    return bag
+    return PlayedBag.of(bag, namespace, renamed)
 
 
 def _run_graph(
-    bag: Path, results: Path, parameters: RunParameters, rate: float, scratch: Path
+    bag: PlayedBag, results: Path, parameters: RunParameters, rate: float, scratch: Path
 ) -> None:
     """Start the graph, wait until the recorder is done, and end it whatever happens."""
     recorder = {**parameters.given["recorder_node"], "directory": str(results), "force": True}
     params_file = scratch / "params.yaml"
     given = {**parameters.given, "recorder_node": recorder}
-    write_parameters(params_file, {node: values for node, values in given.items() if values})
-    frames = _count_frames(bag)
+    write_parameters(
+        params_file,
+        {f"{bag.namespace}/{node}": values for node, values in given.items() if values},
+    )
+    simulates_time = any(values.get("use_sim_time") for values in given.values())
     with _ros_environment(results / "log") as environment:
+        _say_how_to_join(environment)
         children = Children(environment, results / "log")
+        recorder_node: Child | None = None
         try:
-            nodes = [
-                children.start(
-                    name,
-                    f"vislam_ros.nodes.{name}",
-                    ["--ros-args", "--params-file", str(params_file)],
+            with _suspending(children):
+                nodes = [
+                    children.start(
+                        name,
+                        f"vislam_ros.nodes.{name}",
+                        ["--ros-args", "--params-file", str(params_file), *bag.node_arguments],
+                    )
+                    for name in NODES
+                ]
+                recorder_node = nodes[-1]
+                player = children.start(
+                    "player",
+                    "vislam_ros.cli.main",
+                    [
+                        "play",
+                        str(bag.path),
+                        "--whole-graph",
+                        *bag.player_arguments,
+                        *(["--clock"] if simulates_time else []),
+                        f"--wait={_START_UP_SECONDS}",
+                        f"--rate={rate}",
+                    ],
                 )
-                for name in NODES
-            ]
-            player = children.start(
-                "player",
-                "vislam_ros.cli.main",
-                [
-                    "play",
-                    str(bag),
-                    "--whole-graph",
-                    f"--wait={_START_UP_SECONDS}",
-                    f"--rate={rate}",
-                ],
-            )
-            with progress_bar("running", frames) as update:
-                _watch(nodes, player, results, update)
-        except (KeyboardInterrupt, VislamError):
-            _ignore_interrupts()
-            _part(children, results)
-            raise
+                with progress_bar("running", bag.frames) as update:
+                    _watch(nodes, player, results, update)
         finally:
-            children.end()
-
-
-def _count_frames(bag: Path) -> int:
-    with BagMessages(bag) as messages:
-        counts = {connection.topic: connection.count for connection in messages.connections}
-    return counts.get(FEATURES.recorded, 0)
+            _ignore_interrupts()
+            children.end(writer=recorder_node)
 
 
 @contextmanager
@@ -192,46 +198,75 @@ def _ros_environment(log_folder: Path) -> Iterator[dict[str, str]]:
         yield {**environment, "ROS_DOMAIN_ID": str(domain)}
 
 
+def _say_how_to_join(environment: Mapping[str, str]) -> None:
+    names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+    settings = " ".join(f"{name}={environment[name]}" for name in names)
+    tell(f"to join this run: {settings} ros2 topic list")
+
+
+@contextmanager
+def _suspending(children: Children) -> Iterator[None]:
+    """Let Ctrl-Z stop the children too, which are in no terminal, and ``fg`` let them go on."""
+
+    def suspend(_signal: int, _frame: FrameType | None) -> None:
+        children.send(signal.SIGSTOP)
+        signal.signal(signal.SIGTSTP, before)
+        signal.raise_signal(signal.SIGTSTP)  # returns when this process goes on
+        signal.signal(signal.SIGTSTP, suspend)
+        children.send(signal.SIGCONT)
+
+    before = signal.signal(signal.SIGTSTP, suspend)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTSTP, before)
+
+
 def _watch(
     nodes: list[Child], player: Child, results: Path, update: Callable[[float, str], None]
 ) -> None:
     """Wait until the recorder says how the run ended, with its last pass.
 
+    Times are counted in looks at the processes, so that a run which was stopped as a whole goes on
+    as if nothing had been.
+
     Raises
     ------
     VislamError
-        Where a process ends before its time or the recorder does not come to its end.
+        Where a process ends before its time, stands still, or the recorder does not come to its
+        end.
     """
-    player_ended: float | None = None
+    stopped: Counter[str] = Counter()
+    looks = looks_since_the_player = looks_since_the_end = 0
     while True:
-        summaries = _summaries(results)
-        steps = sum(summary["steps"] for _, summary in summaries)
-        if summaries:
-            update(steps, f"{summaries[-1][1]['landmarks'] or 0} landmarks")
-        if _is_settled(summaries):
-            player.wait(_PARTING_SECONDS)
-            return
         for child in nodes:
             if child.exit_code is not None:
                 raise child.died()
         if player.exit_code not in (None, OK):
             raise player.died()
-        if player.exit_code == OK:
-            player_ended = player_ended or time.monotonic()
+        for child in (*nodes, player):
+            stopped[child.name] = stopped[child.name] + 1 if child.is_stopped else 0
+            if stopped[child.name] > _STOPPED_SECONDS / _POLL_SECONDS:
+                raise VislamError(
+                    f"{child.name} was stopped by a signal and did not go on ({child.log})"
+                )
+        if looks % _LOOKS_A_SUMMARY == 0 and (summaries := _summaries(results)):
+            steps, newest = sum(summary["steps"] for _, summary in summaries), summaries[-1][1]
+            update(steps, f"{newest['landmarks'] or 0} landmarks")
+            if str(newest["incomplete_reason"]).startswith(STOPPED):
+                raise VislamError("recorder_node was told to end")
+            if _is_settled(newest):
+                looks_since_the_end += _LOOKS_A_SUMMARY
+                if (
+                    player.exit_code == OK
+                    or looks_since_the_end > _PARTING_SECONDS / _POLL_SECONDS
+                ):
+                    return
             patience = map_patience(steps) + _SETTLING_SECONDS
-            if time.monotonic() - player_ended > patience:
+            if looks_since_the_player > patience / _POLL_SECONDS:
                 raise VislamError(f"recorder_node did not come to its end in {patience:.0f} s")
-        time.sleep(_POLL_SECONDS)
-
-
-def _part(children: Children, results: Path) -> None:
-    """Let the player say good-bye and the recorder hear it, if they are at work at all."""
-    summaries = _summaries(results)
-    if not (summaries and summaries[0][1]["steps"] and children.all_alive()):
-        return
-    children.last.ask_to_end()
-    end = time.monotonic() + _PARTING_SECONDS
-    while time.monotonic() < end and not _is_settled(_summaries(results)):
+        looks += 1
+        looks_since_the_player += player.exit_code == OK
         time.sleep(_POLL_SECONDS)
 
 
@@ -244,25 +279,41 @@ def _summaries(results: Path) -> list[PassResults]:
     return summaries
 
 
-def _is_settled(summaries: list[PassResults]) -> bool:
+def _is_settled(newest: Mapping[str, Any]) -> bool:
     """Whether the newest pass has ended; one that begins is there before the last one ends."""
-    if not summaries:
-        return False
-    _, newest = summaries[-1]
     return bool(newest["complete"] or newest["incomplete_reason"] != RunSummary.incomplete_reason)
 
 
-def _end_summaries(results: Path, started: float, drive: str) -> list[PassResults]:
+def _end_summaries(
+    results: Path, started: float, drive: str, error: BaseException | None
+) -> list[PassResults]:
     """Put into the summaries what the recorder cannot know, and return them."""
     total_s = time.monotonic() - started
-    ended: list[PassResults] = [
+    ended: list[tuple[Path, dict[str, Any]]] = [
         (directory, {**summary, "drive": summary["drive"] or drive, "total_s": total_s})
         for directory, summary in _summaries(results)
     ]
+    if error is not None and ended and not ended[-1][1]["complete"]:
+        directory, newest = ended[-1]
+        if not _is_settled(newest):  # a killed recorder: its rows are there, and its count is old
+            newest["steps"] = _count_poses(directory)
+        reason = _INTERRUPTED if isinstance(error, KeyboardInterrupt) else str(error)
+        newest["incomplete_reason"] = reason
     for directory, summary in ended:
         content = json.dumps(summary, indent=2) + "\n"
-        replace_file(directory / "summary.json", content.encode("utf-8"))
-    return ended
+        try:
+            replace_file(directory / "summary.json", content.encode("utf-8"))
+        except OutputError:
+            if error is None:
+                raise
+    return [(directory, summary) for directory, summary in ended]
+
+
+def _count_poses(directory: Path) -> int:
+    try:
+        return len((directory / "trajectory.tum").read_bytes().splitlines())
+    except OSError:
+        return 0
 
 
 def _draw(directory: Path) -> None:

@@ -5,11 +5,19 @@
 import argparse
 from pathlib import Path
 
-from vislam_ros.cli.grammar.argument_types import assignment, name_or, number_from, whole_from
+from vislam_ros.cli.grammar.argument_types import (
+    assignment,
+    name_or,
+    number_from,
+    remapping,
+    whole_from,
+)
 from vislam_ros.cli.grammar.shared import (
+    PLAY,
     Commands,
     add_command,
     add_force,
+    add_namespace,
     add_rate,
     add_reading,
     add_smooth,
@@ -27,6 +35,7 @@ def add_run(commands: Commands) -> None:
   vislam run drive.npz --out results              in real time, as on a car
   vislam run drive.npz --out results --rate 0     as fast as the graph takes it
   vislam run drive_bag --out results --params config/ekf.yaml --force
+  vislam run fleet_bag --out results --namespace /robot1
   vislam run drive.npz --out results --estimator localization --map before/landmarks.npz
 """,
     )
@@ -44,6 +53,7 @@ def add_solve(commands: Commands) -> None:
   vislam solve drive.npz --out results
   vislam solve drive.npz --out results --smooth
   vislam solve drive_bag --out third --fraction 0.33 --seed 1
+  vislam solve car_bag --out results --remap imu/twist:=/car/twist
 """,
     )
     _add_estimation(parser)
@@ -99,7 +109,7 @@ and simulate, as below; its paths are relative to it, and flags go over it.
     add_reading(parser)
     parser.add_argument("--force", action="store_true", help="begin anew, forgetting old runs")
     # What a run takes besides; here they are settings like others.
-    parser.set_defaults(estimator=None, fraction=None, seed=None)
+    parser.set_defaults(estimator=None, fraction=None, seed=None, namespace="", remap=())
 
 
 def _add_estimation(parser: argparse.ArgumentParser) -> None:
@@ -124,4 +134,17 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
         "--map", type=Path, metavar="FILE", help="landmarks.npz for --estimator localization"
     )
     add_reading(parser)
+    add_namespace(
+        parser,
+        "namespace of one robot among others, such as /robot1: of its topics in the bag, and of "
+        "the nodes that run",
+    )
+    parser.add_argument(
+        "--remap",
+        nargs="+",
+        type=remapping,
+        default=PLAY.remap,
+        metavar="OURS:=NAME",
+        help="what the bag calls a topic, as in imu/twist:=/car/twist",
+    )
     add_force(parser)

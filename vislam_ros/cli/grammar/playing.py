@@ -2,10 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command play."""
 
+import argparse
 from pathlib import Path
 
 from vislam_ros.cli.grammar.argument_types import number_from, remapping, whole_from
-from vislam_ros.cli.grammar.shared import PLAY, Commands, add_command, add_rate
+from vislam_ros.cli.grammar.shared import (
+    PLAY,
+    Commands,
+    add_command,
+    add_namespace,
+    add_rate,
+)
 
 
 def add_play(commands: Commands) -> None:
@@ -19,6 +26,7 @@ def add_play(commands: Commands) -> None:
   vislam play drive_bag --rate 0                  as fast as the graph takes it
   vislam play drive_bag --start-offset 10 --duration 20 --start-paused
   vislam play drive_bag --remap /imu/twist:=/car/twist --clock 100
+  vislam play drive_bag --namespace /robot1 --ros-args --log-level warn
 
 keys on a terminal: space pauses and resumes, the right arrow plays up to the next features
 services: player/pause, player/resume, player/step (std_srvs/Trigger)
@@ -62,7 +70,15 @@ services: player/pause, player/resume, player/step (std_srvs/Trigger)
         "--topics", nargs="+", default=PLAY.topics, metavar="T", help="play these topics only"
     )
     parser.add_argument(
-        "--remap", nargs="+", type=remapping, default=PLAY.remap, metavar="FROM:=TO"
+        "--remap",
+        nargs="+",
+        type=remapping,
+        default=PLAY.remap,
+        metavar="FROM:=TO",
+        help="play a topic of the bag under another name",
+    )
+    add_namespace(
+        parser, "play in this namespace, such as /robot1: all topics of a bag that has none in it"
     )
     parser.add_argument(
         "--clock",
@@ -99,4 +115,11 @@ services: player/pause, player/resume, player/step (std_srvs/Trigger)
         default=PLAY.window,
         metavar="N",
         help=f"at rate 0, feature frames ahead of slam/odometry ({PLAY.window})",
+    )
+    parser.add_argument(
+        "--ros-args",
+        nargs=argparse.REMAINDER,
+        default=[],
+        metavar="...",
+        help="all that follows is for ROS, as with every node: -r, -p, --params-file, --log-level",
     )

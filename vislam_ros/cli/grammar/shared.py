@@ -87,6 +87,11 @@ def add_rate(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_namespace(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add the namespace of one robot among others."""
+    parser.add_argument("--namespace", default=PLAY.namespace, metavar="NS", help=text)
+
+
 def add_force(parser: argparse.ArgumentParser) -> None:
     """Add whether to replace an output."""
     parser.add_argument("--force", action="store_true", help="replace an output that exists")

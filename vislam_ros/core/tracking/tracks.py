@@ -7,8 +7,10 @@ the body moves (a frozen frame), it goes on from the stale pixels afterwards, so
 track stands for another point from then on. Such a track, one that was unseen for a while, and
 one whose observation was rejected, begins anew under the same id. The last one rests before: what
 slides over the scene goes on to do so, and each time that it began anew it would be believed for
-a frame or two. Each physical point gets a key of its own, counted from 0 in the order of first
-appearance; the filters know only keys.
+a frame or two. A frame that is missing has seen nothing: what comes after a hole is not read
+against the points from before it, of which those last longest that go along with the body. Each
+physical point gets a key of its own, counted from 0 in the order of first appearance; the
+filters know only keys.
 """
 
 from collections.abc import Callable
@@ -109,6 +111,7 @@ class Tracks:
         ids: NDArray[np.uint32],
         pixels: NDArray[np.float32],
         motion_expected: Callable[[], bool],
+        missed: int = 0,
     ) -> TrackedFrame:
         """Take a frame.
 
@@ -120,6 +123,8 @@ class Tracks:
         motion_expected : callable
             Tells whether the body moves so far that honest pixels would have changed; is asked
             only where many have not.
+        missed : int
+            Frames that are missing before this one: in them nothing was seen.
 
         Returns
         -------
@@ -131,6 +136,7 @@ class Tracks:
         if np.any(ids[1:] < ids[:-1]):
             order = np.argsort(ids)
             ids, pixels = ids[order], pixels[order]
+        ended_before = self._miss(missed)
         chosen = self._chosen(ids, pixels)
         left_out = len(ids)
         if chosen is not None:
@@ -146,7 +152,7 @@ class Tracks:
         )
         if not frozen:
             copied[:] = False
-        ended = [keys[copied]]
+        ended = [keys[copied], ended_before]
         # A copied track stands for another point now, so it rests no longer.
         fresh = ((keys == NO_KEY) & (rest == 0)) | copied
         keys[fresh] = self._new_keys(ids[fresh])
@@ -166,6 +172,15 @@ class Tracks:
             frozen=frozen,
             left_out=left_out,
         )
+
+    def _miss(self, missed: int) -> Keys:
+        """Let frames pass in which nothing is seen; return the points that end with them."""
+        self._unseen += missed
+        self._rest = np.maximum(self._rest - missed, 0)
+        lost = self._unseen >= self._retire_after
+        ended: Keys = self._keys[lost]
+        self._keys[lost] = NO_KEY
+        return ended
 
     def _chosen(
         self, ids: NDArray[np.uint32], pixels: NDArray[np.float32]

@@ -49,6 +49,11 @@ class Projection:
 
 def stamp_of(header: Any) -> int:
     """Nanoseconds of a header's stamp."""
+    if header.stamp.nanosec >= NANOSECONDS:
+        raise RefusedMessage(
+            Refusal.BAD_FIELDS,
+            f"header.stamp.nanosec is {header.stamp.nanosec}: a second has {NANOSECONDS}",
+        )
     stamp = int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
     if stamp < 0:
         raise RefusedMessage(Refusal.BEFORE_1970, f"header.stamp.sec is {header.stamp.sec}")

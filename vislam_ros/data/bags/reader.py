@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.settings import MotionSettings
@@ -14,8 +14,8 @@ from vislam_ros.core.tracking.refusals import Refusal, RefusalCounts, RefusedMes
 from vislam_ros.core.tracking.time_order import Passes, TimeOrder
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.bag_messages import BagMessages
-from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration
-from vislam_ros.data.bags.gathered_pass import GatheredPass
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration, differences
+from vislam_ros.data.bags.gathered_pass import Array, GatheredPass
 from vislam_ros.data.bags.layout import (
     DEFAULT_FRAMES,
     FEATURES,
@@ -26,9 +26,13 @@ from vislam_ros.data.bags.layout import (
     Frames,
     Topic,
 )
+from vislam_ros.data.bags.naming import hint, names_in_bag, namespace_of
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.files.json_file import read_json
 from vislam_ros.errors import VislamError
+
+T = TypeVar("T", bound=tuple[Any, ...])
+_Pose: TypeAlias = tuple[int, Array, Array]
 
 _TIME_JUMP = MotionSettings().time_jump
 
@@ -61,6 +65,7 @@ def read_passes(
     *,
     rules: ReadingRules = DEFAULT_RULES,
     topics: Mapping[str, str] | None = None,
+    namespace: str = "",
 ) -> tuple[Drive, ...]:
     """Read a bag: a drive for each pass, one where its stamps never begin anew.
 
@@ -75,6 +80,8 @@ def read_passes(
     topics : mapping of str to str, optional
         The bag's name for a topic of :mod:`vislam_ros.data.bags.layout`, such as
         ``{TWIST.name: "/car/twist"}``.
+    namespace : str
+        Of the robot, such as ``/robot1`` (see :mod:`vislam_ros.data.bags.naming`).
 
     Raises
     ------
@@ -83,15 +90,26 @@ def read_passes(
         message on it.
     """
     with BagMessages(path) as bag:
-        reading = _Reading(bag, rules, topics or {})
+        reading = _Reading(bag, rules, topics, namespace)
         for _ in reading.messages():
             pass
     reading.require_usable()
     return reading.drives(*_provenance(path))
 
 
-def check_readable(path: Path, *, rules: ReadingRules = DEFAULT_RULES) -> None:
+def check_readable(
+    path: Path,
+    *,
+    rules: ReadingRules = DEFAULT_RULES,
+    topics: Mapping[str, str] | None = None,
+    namespace: str = "",
+) -> dict[Topic, str]:
     """Read a bag until each needed topic has had a usable message, and no further.
+
+    Returns
+    -------
+    dict of Topic to str
+        What the bag calls the topics of a drive.
 
     Raises
     ------
@@ -99,33 +117,51 @@ def check_readable(path: Path, *, rules: ReadingRules = DEFAULT_RULES) -> None:
         Where :func:`read_passes` would, and in the same words.
     """
     with BagMessages(path) as bag:
-        reading = _Reading(bag, rules, {})
+        reading = _Reading(bag, rules, topics, namespace)
         for _ in reading.messages():
             if not reading.unusable():
-                return
+                break
     reading.require_usable()
+    return reading.names
 
 
 class _Reading:
     """Sorts the messages of a bag into passes."""
 
-    def __init__(self, bag: BagMessages, rules: ReadingRules, remapped: Mapping[str, str]):
+    def __init__(
+        self,
+        bag: BagMessages,
+        rules: ReadingRules,
+        renamed: Mapping[str, str] | None,
+        namespace: str,
+    ):
         self._bag = bag
         self._rules = rules
         imu = (IMU,) if rules.imu_turns else ()
         self._needed = (*CALIBRATION_TOPICS, *imu, TWIST, FEATURES)
-        self._names = _recorded_names((*self._needed, GROUND_TRUTH), remapped)
+        self.names = names_in_bag(
+            (*self._needed, GROUND_TRUTH),
+            [connection.topic for connection in bag.connections],
+            namespace_of(namespace),
+            renamed,
+        )
         self._topics = self._present()
         self._calibration = Calibration(rules.frames)
         self._first_camera: StereoCamera | None = None
+        self._camera_changes: list[str] = []
         self._order = Passes(
             {
                 Stream.TWIST: rules.twist_time_jump,
                 Stream.IMU: rules.twist_time_jump,
                 Stream.FEATURES: rules.features_time_jump,
-            }
+            },
+            self._refuse,
+            sorts=True,
         )
-        self._truth_order, self._truth_pass = TimeOrder(rules.features_time_jump), 0
+        self._truth_order: TimeOrder[_Pose] = TimeOrder(
+            rules.features_time_jump, self._skip_truth, sorts=True
+        )
+        self._truth_pass = 0
         self._passes: dict[int, GatheredPass] = defaultdict(GatheredPass)
         self._usable: set[Topic] = set()
         self._faults: dict[Topic, Counter[str]] = defaultdict(Counter)
@@ -134,13 +170,13 @@ class _Reading:
         """Topics of a drive by their names in the bag."""
         msgtypes = {connection.topic: connection.msgtype for connection in self._bag.connections}
         topics = {}
-        for topic, name in self._names.items():
+        for topic, name in self.names.items():
             if name not in msgtypes:
                 if topic is GROUND_TRUTH:
                     continue
                 raise VislamError(
-                    f"{self._bag.path}: has no topic {name} ({topic.msgtype}): remap {topic.name} "
-                    f"to one that it has: {', '.join(sorted(msgtypes)) or 'none'}"
+                    f"{self._bag.path}: has no topic {name} ({topic.msgtype}): "
+                    f"{hint(topic, msgtypes)}"
                 )
             if msgtypes[name] != topic.msgtype:
                 raise VislamError(
@@ -161,34 +197,49 @@ class _Reading:
             except RefusedMessage as error:
                 self._faults[topic][str(error)] += 1
                 if topic.stream is not None:
-                    self._passes[self._order.number(topic.stream)].refused.add(
-                        topic.stream, error.refusal, decoding.stamp_if_known(message)
-                    )
+                    stamp = decoding.stamp_if_known(message)
+                    self._refuse(topic.stream, error.refusal, stamp)
             yield
+        self._order.end()
+        self._truth_order.end()
 
     def _take(self, topic: Topic, message: Any) -> None:
         frames = self._rules.frames
         if topic is TWIST:
-            twist = decoding.twist(message, frames)
-            self._pass_of(Stream.TWIST, twist[0]).twists.append(twist)
+            for gathered, twist in self._enter(Stream.TWIST, decoding.twist(message, frames)):
+                gathered.twists.append(twist)
         elif topic is IMU:
-            turn = decoding.angular_velocity(message, frames)
-            self._pass_of(Stream.IMU, turn[0]).turns.append(turn)
+            came = decoding.angular_velocity(message, frames)
+            for gathered, turn in self._enter(Stream.IMU, came):
+                gathered.turns.append(turn)
         elif topic is FEATURES:
-            frame = decoding.features(message, frames)
-            gathered = self._pass_of(Stream.FEATURES, frame[0])
-            if not gathered.frames:
-                gathered.camera = self._calibration.camera
-            gathered.frames.append(frame)
+            features = decoding.features(message, frames)
+            for gathered, frame in self._enter(Stream.FEATURES, features):
+                if not gathered.frames:
+                    gathered.camera = self._calibration.camera
+                gathered.frames.append(frame)
         elif topic is GROUND_TRUTH:
             pose = decoding.true_pose(message)
-            self._truth_pass += self._truth_order.place(pose[0])
-            self._passes[self._truth_pass].poses.append(pose)
-        elif camera := self._calibration.add(topic, message):
+            for believed in self._truth_order.enter(pose[0], pose):
+                self._truth_pass += believed.begins_pass
+                self._passes[self._truth_pass].poses.append(believed.message)
+        else:
+            before = self._calibration.camera
+            camera = self._calibration.add(topic, message)
             self._first_camera = self._first_camera or camera
+            if before and camera:
+                self._camera_changes.append(differences(before, camera))
 
-    def _pass_of(self, stream: Stream, stamp: int) -> GatheredPass:
-        return self._passes[self._order.place(stream, stamp)]
+    def _enter(self, stream: Stream, message: T) -> list[tuple[GatheredPass, T]]:
+        """Passes and messages, with their stamps first, that are believed with this one."""
+        entered = self._order.enter(stream, message[0], message)
+        return [(self._passes[number], believed) for number, _, believed in entered]
+
+    def _refuse(self, stream: Stream, refusal: Refusal, stamp: int | None) -> None:
+        self._passes[self._order.number(stream)].refused.add(stream, refusal, stamp)
+
+    def _skip_truth(self, refusal: Refusal, _stamp: int) -> None:
+        self._faults[GROUND_TRUTH][refusal.text] += 1
 
     def unusable(self) -> list[Topic]:
         """Needed topics that have had no usable message."""
@@ -199,7 +250,7 @@ class _Reading:
         topics_of: dict[str, list[str]] = defaultdict(list)
         for topic in self.unusable():
             reason = ", ".join(sorted(self._faults[topic])) or "it is empty"
-            topics_of[reason].append(self._names[topic])
+            topics_of[reason].append(self.names[topic])
         if topics_of:
             reasons = [
                 f"no usable message on {' and '.join(names)}: {reason}"
@@ -210,7 +261,11 @@ class _Reading:
     def drives(self, name: str, notes: Sequence[str]) -> tuple[Drive, ...]:
         """Drives of the passes in which the motion reaches a frame, or of the first one."""
         assert self._first_camera is not None
-        notes = [*notes, *self._notes_on_truth()]
+        changes = (
+            f"The calibration changes ({change}): a pass keeps the one that it begins with."
+            for change in self._camera_changes
+        )
+        notes = [*notes, *self._notes_on_truth(), *changes]
         passes = [gathered for _, gathered in sorted(self._passes.items())]
         for gathered in passes:
             gathered.sort(imu_turns=self._rules.imu_turns)
@@ -222,7 +277,7 @@ class _Reading:
 
     def _notes_on_truth(self) -> Iterator[str]:
         for reason, count in sorted(self._faults[GROUND_TRUTH].items()):
-            messages = f"message{'s' if count > 1 else ''} of {self._names[GROUND_TRUTH]}"
+            messages = f"message{'s' if count > 1 else ''} of {self.names[GROUND_TRUTH]}"
             yield f"Skipped {count} {messages}: {reason}."
 
 
@@ -244,21 +299,6 @@ def _with_motion(passes: Sequence[GatheredPass]) -> list[GatheredPass]:
             gathered.refused, carried = carried, RefusalCounts()
     kept[-1].refused.merge(carried)
     return kept
-
-
-def _recorded_names(topics: Sequence[Topic], remapped: Mapping[str, str]) -> dict[Topic, str]:
-    """Each topic's name in the bag."""
-    known = {topic.name: topic for topic in topics}
-    names = {topic: topic.recorded for topic in topics}
-    for ours, recorded in remapped.items():
-        topic = known.get(ours.lstrip("/"))
-        if topic is None:
-            raise VislamError(
-                f"topic {ours!r} cannot be remapped: choose from "
-                + ", ".join(topic.name for topic in names)
-            )
-        names[topic] = recorded if recorded.startswith("/") else f"/{recorded}"
-    return names
 
 
 def _provenance(path: Path) -> tuple[str, list[str]]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import OutputError, VislamError
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:
@@ -20,7 +20,7 @@ def replace_file(path: Path, content: bytes) -> None:
 
     Raises
     ------
-    VislamError
+    OutputError
         Where it cannot be written; nothing of it is left then.
     """
     replace_files({path: content})
@@ -37,7 +37,7 @@ def replace_files(contents: Mapping[Path, bytes]) -> None:
         for path, temporary in temporaries.items():
             temporary.replace(path)
     except OSError as error:
-        raise VislamError(f"{path}: cannot write this file: {error.strerror}") from error
+        raise OutputError(f"{path}: cannot write this file: {error.strerror}") from error
     finally:
         for temporary in temporaries.values():
             with suppress(OSError):

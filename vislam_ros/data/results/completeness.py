@@ -13,12 +13,11 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from vislam_ros.core.tracking.refusals import Refusal, Stream, refusal_of
+from vislam_ros.core.tracking.refusals import Stream, refusal_of
 from vislam_ros.data.bags.layout import FEATURES, PREDICTION
 
 _SLAM, _PREDICTION_NODE = "slam_node", "imu_prediction_node"
 _FEATURES_WORD = f"{Stream.FEATURES.value}_"
-_NO_PREDICTION = _FEATURES_WORD + Refusal.NO_PREDICTION.word
 
 
 def counts_from_values(values: Mapping[str, str], prefix: str) -> dict[str, int]:
@@ -67,19 +66,25 @@ class NodeReport:
     first : dict of str to str
         Stamp (s) of the first of them.
     waiting : int
-        Feature frames that wait for their prediction.
-    first_waiting : str or None
+        Feature frames that are neither answered nor refused yet.
+    refused_at_end : dict of str to int
+        Messages that it will not have used if nothing more comes, by word.
+    first_at_end : dict of str to str
         Stamp (s) of the first of them.
     predictions : int
         Predicted poses that it published.
+    steps : int
+        Steps that it published.
     """
 
     received: dict[str, int] = field(default_factory=dict)
     refused: dict[str, int] = field(default_factory=dict)
     first: dict[str, str] = field(default_factory=dict)
     waiting: int = 0
-    first_waiting: str | None = None
+    refused_at_end: dict[str, int] = field(default_factory=dict)
+    first_at_end: dict[str, str] = field(default_factory=dict)
     predictions: int = 0
+    steps: int = 0
 
     @classmethod
     def of_values(cls, values: Mapping[str, str]) -> "NodeReport":
@@ -90,16 +95,61 @@ class NodeReport:
         ValueError
             Where a count is no number.
         """
-        refused = counts_from_values(values, "refused ")
-        first = {word: values.get(f"first {word} [s]") for word in refused}
+        refused, first = _refused_of(values, "")
+        refused_at_end, first_at_end = _refused_of(values, "at end ")
         return cls(
             received=counts_from_values(values, "received "),
             refused=refused,
-            first={word: stamp for word, stamp in first.items() if stamp is not None},
+            first=first,
             waiting=int(values.get("features waiting", 0)),
-            first_waiting=values.get("first waiting [s]"),
+            refused_at_end=refused_at_end,
+            first_at_end=first_at_end,
             predictions=int(values.get("predictions", 0)),
+            steps=int(values.get("steps", 0)),
         )
+
+    @property
+    def features_refused(self) -> int:
+        """Features messages that it did not use."""
+        return sum(n for word, n in self.refused.items() if word.startswith(_FEATURES_WORD))
+
+    @property
+    def unanswered(self) -> int:
+        """Features messages that came and were neither answered nor refused, and do not wait."""
+        came = self.received.get(FEATURES.name, 0)
+        return came - self.steps - self.features_refused - self.waiting
+
+
+@dataclass
+class RecordedSteps:
+    """Counts the steps of a recording by the numbers that slam_node gives them.
+
+    Attributes
+    ----------
+    count : int
+    missing : int
+        Numbers that were left out between the first and the last.
+    last : int or None
+        Number of the last one.
+    """
+
+    count: int = 0
+    missing: int = 0
+    last: int | None = None
+
+    def add(self, number: int) -> None:
+        """Count a step; numbers begin anew with a new slam_node."""
+        if self.last is not None and number > self.last:
+            self.missing += number - self.last - 1
+        self.count += 1
+        self.last = number
+
+
+def _refused_of(values: Mapping[str, str], prefix: str) -> tuple[dict[str, int], dict[str, str]]:
+    """Refused messages by word, and the stamp (s) of the first of each, where it has one."""
+    refused = counts_from_values(values, f"{prefix}refused ")
+    first = {word: values.get(f"{prefix}first {word} [s]") for word in refused}
+    return refused, {word: stamp for word, stamp in first.items() if stamp is not None}
 
 
 class Ledger:
@@ -109,22 +159,37 @@ class Ledger:
         self._sent: Mapping[str, int] = {}
         self._reports: dict[str, NodeReport] = {}
         self._before: dict[str, NodeReport] = {}
+        self._joined: dict[str, NodeReport] | None = None
 
     @property
     def features_sent(self) -> int:
         """Features messages that the player has sent."""
         return self._sent.get(FEATURES.name, 0)
 
+    def begin(self) -> None:
+        """Count only what nodes are sent from now on."""
+        self._before = dict(self._reports)
+
+    def received(self, node: str, topic: str) -> int:
+        """How many messages a node says that it was sent since the player began."""
+        return self._since(node).received.get(topic, 0)
+
     def set_sent(self, sent: Mapping[str, int]) -> bool:
         """Note how much a player has sent, by topic; tell whether another player has begun."""
         begins = any(sent.get(topic, 0) < count for topic, count in self._sent.items())
         if begins:
-            self._before = dict(self._reports)
+            self.begin()
         self._sent = sent
         return begins
 
+    def join(self) -> None:
+        """Note that the nodes were at work before: what they refused up to now is not ours."""
+        self._joined = dict(self._reports)
+
     def set_report(self, node: str, report: NodeReport) -> bool:
         """Note what a node says; tell whether it is news."""
+        if self._joined is not None:
+            self._joined.setdefault(node, report)
         is_news = self._reports.get(node) != report
         self._reports[node] = report
         return is_news
@@ -132,10 +197,7 @@ class Ledger:
     def unanswered(self, steps: int) -> int:
         """Features messages that were sent and came to nothing yet, given the steps so far."""
         report = self._since(_SLAM)
-        refused = (
-            count for word, count in report.refused.items() if word.startswith(_FEATURES_WORD)
-        )
-        return max(0, self.features_sent - steps - sum(refused) - report.waiting)
+        return max(0, self.features_sent - steps - report.features_refused - report.waiting)
 
     def is_settled(self, steps: int) -> bool:
         """Whether nothing is on its way any more, given the steps so far."""
@@ -146,7 +208,7 @@ class Ledger:
         sent = {**self._sent, PREDICTION.name: self._since(_PREDICTION_NODE).predictions}
         return {
             topic: sent[topic] - arrived
-            for node in self._reports
+            for node in tuple(self._reports)
             for topic, arrived in self._since(node).received.items()
             if arrived < sent.get(topic, 0)
         }
@@ -154,17 +216,19 @@ class Ledger:
     def refused(self, *, at_end: bool) -> tuple[dict[str, int], dict[str, str]]:
         """Refused messages of all nodes by word, and the stamp (s) of the first of each.
 
-        At the end, the frames that still wait are refused too: no prediction is to come.
+        At the end, those that still wait for something are refused too: it is not to come.
         """
         refused: Counter[str] = Counter()
         first: dict[str, str] = {}
-        for _, report in sorted(self._reports.items()):
-            refused.update(report.refused)
-            first = {**report.first, **first}
-        slam = self._reports.get(_SLAM, NodeReport())
-        if at_end and slam.first_waiting is not None:
-            refused[_NO_PREDICTION] += slam.waiting
-            first.setdefault(_NO_PREDICTION, slam.first_waiting)
+        for node, report in sorted(self._reports.items()):
+            before = (self._joined or {}).get(node, NodeReport())
+            news = Counter(report.refused) - Counter(before.refused)
+            refused.update(news)
+            fresh = {word: s for word, s in report.first.items() if word not in before.refused}
+            first = {**fresh, **first}
+            if at_end:
+                refused.update(report.refused_at_end)
+                first = {**report.first_at_end, **first}
         return dict(sorted(refused.items())), dict(sorted(first.items()))
 
     def shortfall(self, steps: int) -> str | None:
@@ -175,6 +239,26 @@ class Ledger:
         if unanswered := self.unanswered(steps):
             return f"{unanswered} of {self.features_sent} features messages were not answered"
         return shortfall(steps, *self.refused(at_end=True))
+
+    def gap(self, recorded: RecordedSteps, *, to_the_end: bool) -> str | None:
+        """What is missing in a recording that no player tells the extent of, or None.
+
+        Parameters
+        ----------
+        recorded : RecordedSteps
+        to_the_end : bool
+            Whether slam_node has published nothing that is not to be part of it.
+        """
+        report = self._reports.get(_SLAM)
+        if report is None:
+            return "slam_node has told nothing of itself"
+        late = report.steps - recorded.last if to_the_end and recorded.last is not None else 0
+        if lost := recorded.missing + max(0, late):
+            return f"{lost} of {recorded.count + lost} steps did not arrive"
+        before = (self._joined or {}).get(_SLAM, NodeReport())
+        if (unanswered := report.unanswered - before.unanswered) > 0:
+            return f"{unanswered} features messages were not answered"
+        return shortfall(recorded.count, *self.refused(at_end=False))
 
     def _since(self, node: str) -> NodeReport:
         """What a node says has happened since the player began."""

@@ -12,7 +12,8 @@ from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import Stores, get_typestore
 
 from vislam_ros.data.bags.layout import Topic
-from vislam_ros.errors import VislamError
+from vislam_ros.data.files.open_file import require_present
+from vislam_ros.errors import OutputError
 
 _FLUSH_PERIOD = 1.0  # seconds
 
@@ -27,8 +28,8 @@ class MessageLog:
 
     Raises
     ------
-    VislamError
-        From any method, where the file cannot be written.
+    OutputError
+        From any method, where the file cannot be written or is no longer there.
     """
 
     def __init__(self, path: Path):
@@ -59,6 +60,7 @@ class MessageLog:
         """Hand all messages to the system, as a chunk that can be read back."""
         try:
             self._writer.flush()
+            require_present(self._path, self._file)
         except OSError as error:
             raise self._error(error) from error
         self._flushed = time.monotonic()
@@ -86,8 +88,8 @@ class MessageLog:
             )
         return self._channels[topic.name]
 
-    def _error(self, error: OSError) -> VislamError:
-        return VislamError(f"{self._path}: cannot write this file: {error.strerror}")
+    def _error(self, error: OSError) -> OutputError:
+        return OutputError(f"{self._path}: cannot write this file: {error.strerror}")
 
 
 @functools.cache

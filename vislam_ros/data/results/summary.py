@@ -14,6 +14,7 @@ from typing import Any
 from vislam_ros.core.filters.quantities import GYRO_BIAS
 from vislam_ros.core.step import Row, StepTotals, estimates_of, percentile
 from vislam_ros.core.tracking.refusals import RefusalCounts
+from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.files.json_file import read_json
 from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import VislamError
@@ -41,6 +42,8 @@ class RunSummary:
         Stamp (s) of the first of them, where it has one.
     latencies_ms : array of float
         From sending features to hearing their pose, where it was measured.
+    verdict : Judgement or None
+        Whether the estimate can be trusted; None where there is no step.
     """
 
     started: float = field(default_factory=time.monotonic)
@@ -53,6 +56,7 @@ class RunSummary:
     refused: Mapping[str, int] = field(default_factory=dict)
     refused_first: Mapping[str, str] = field(default_factory=dict)
     latencies_ms: "array[float]" = field(default_factory=lambda: array("d"))
+    verdict: Judgement | None = None
     complete: bool = False
     incomplete_reason: str | None = "the run has not ended"
     _totals: StepTotals = field(default_factory=StepTotals)
@@ -111,6 +115,8 @@ class RunSummary:
             "resets": self.resets,
             "refused": dict(self.refused),
             "refused_first": dict(self.refused_first),
+            "verdict": self.verdict.word.value if self.verdict else None,
+            "verdict_reasons": list(self.verdict.reasons) if self.verdict else [],
             "complete": self.complete,
             "incomplete_reason": self.incomplete_reason,
             "estimates": estimates,

@@ -7,10 +7,8 @@ and the summary are replaced as whole files, about once a second.
 """
 
 import csv
-import errno
 import io
 import json
-import os
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -23,12 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.step import Row
+from vislam_ros.data.files.open_file import append, require_present
 from vislam_ros.data.files.parameter_file import write_parameters
 from vislam_ros.data.files.whole_file import make_directory, remove_directories, replace_file
 from vislam_ros.data.results.landmark_map import write_landmarks, write_point_cloud
 from vislam_ros.data.results.summary import RunSummary
 from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line, tum_text
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import OutputError, VislamError
 
 _TANGENT = ("x", "y", "z", "rx", "ry", "rz")
 UPPER_TRIANGLE = np.triu_indices(6)
@@ -101,7 +100,9 @@ class ResultWriter:
     Raises
     ------
     VislamError
-        From any method, where the directory is in use or a file cannot be written.
+        Where the directory is in use.
+    OutputError
+        From any method, where a file cannot be written or is no longer there.
     """
 
     def __init__(
@@ -121,7 +122,7 @@ class ResultWriter:
                 for name in OWNED_FILES:
                     (folder / name).unlink(missing_ok=True)
         except OSError as error:
-            raise VislamError(
+            raise OutputError(
                 f"{directory}: cannot be a result directory: {error.strerror}"
             ) from error
         try:
@@ -241,6 +242,12 @@ class ResultWriter:
             self._unwritten_landmarks = None
         text = json.dumps(self.summary.as_dict(), indent=2) + "\n"
         replace_file(self.directory / "summary.json", text.encode("utf-8"))
+        for name, file in self._files.items():
+            if not file.closed:
+                try:
+                    require_present(self.directory / name, file)
+                except OSError as error:
+                    raise self._error(name, error) from error
         self._flushed = time.monotonic()
 
     def finish(self, *, complete: bool, incomplete_reason: str | None = None) -> None:
@@ -274,15 +281,17 @@ class ResultWriter:
         self._append(name, line.getvalue())
 
     def _append(self, name: str, lines: str) -> None:
-        """Hand whole lines to the system in one write, which a kill cannot tear."""
-        path, content = self.directory / name, lines.encode("ascii")
+        """Write whole lines at once, so that a kill tears none."""
         try:
             if name not in self._files:
-                self._files[name] = path.open("wb", buffering=0)
-            if self._files[name].write(content) != len(content):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                self._files[name] = (self.directory / name).open("wb", buffering=0)
+            append(self._files[name], lines.encode("ascii"))
         except OSError as error:
-            raise VislamError(f"{path}: cannot write to this file: {error.strerror}") from error
+            raise self._error(name, error) from error
+
+    def _error(self, name: str, error: OSError) -> OutputError:
+        path = self.directory / name
+        return OutputError(f"{path}: cannot write to this file: {error.strerror}")
 
 
 def _covariance_row(stamp: int, covariance: NDArray[np.float64]) -> list[object]:

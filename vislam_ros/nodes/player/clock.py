@@ -6,15 +6,18 @@ import threading
 import time
 from collections.abc import Callable
 
-_LONGEST_WAIT = 3600.0
+_LONGEST_WAIT = 0.5
+# While it plays, the clock is looked at at least every second: after such a gap it was stopped.
+_STOPPED_SECONDS = 2.0
 
 
 class PlaybackClock:
     """Bag time against wall time.
 
     The schedule is absolute, ``wall = wall_0 + (stamp - stamp_0) / rate``, so late messages do
-    not make later ones late. Only a pause, a step or a new pass moves its origin. Every wait is
-    on one condition, so that a pause, a step and the end act at once.
+    not make later ones late. Only a pause, a step, a new pass or a stop of the process, as by
+    Ctrl-Z, moves its origin. Every wait is on one condition, so that a pause, a step and the end
+    act at once.
 
     Parameters
     ----------
@@ -36,7 +39,7 @@ class PlaybackClock:
         self._paused = paused
         self._steps = 0
         self._stamp_0 = 0
-        self._wall_0 = self._paused_at = now()
+        self._wall_0 = self._paused_at = self._seen = now()
         self._idle = 0.0
 
     @property
@@ -54,7 +57,7 @@ class PlaybackClock:
         with self.condition:
             if self._paused:
                 return self._stamp_0
-            return self._stamp_0 + int((self._now() - self._wall_0) * self.rate * 1e9)
+            return self._stamp_0 + int((self._look() - self._wall_0) * self.rate * 1e9)
 
     def pause(self) -> None:
         """Hold every message that is not sent yet."""
@@ -70,7 +73,7 @@ class PlaybackClock:
             self._idle += self._pause_so_far()
             self._paused = False
             self._steps = 0
-            self._wall_0 = self._now()
+            self._wall_0 = self._seen = self._now()
             self.condition.notify_all()
 
     def seconds_paused(self) -> float:
@@ -110,8 +113,9 @@ class PlaybackClock:
                     continue
                 if self.rate == 0.0:
                     return True
+                now = self._look()
                 due = self._wall_0 + (stamp - self._stamp_0) * 1e-9 / self.rate
-                remaining = due - self._now()
+                remaining = due - now
                 if remaining <= 0.0:
                     return True
                 self.condition.wait(min(remaining, _LONGEST_WAIT))
@@ -142,6 +146,15 @@ class PlaybackClock:
     def _pause_so_far(self) -> float:
         return self._now() - self._paused_at if self._paused else 0.0
 
+    def _look(self) -> float:
+        """Wall time; the time in which the process stood still is no time of the playing."""
+        now = self._now()
+        if now - self._seen > _STOPPED_SECONDS:
+            self._wall_0 += now - self._seen
+            self._idle += now - self._seen
+        self._seen = now
+        return now
+
     def _set(self, stamp: int) -> None:
         self._stamp_0 = stamp
-        self._wall_0 = self._now()
+        self._wall_0 = self._seen = self._now()

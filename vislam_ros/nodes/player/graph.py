@@ -1,19 +1,23 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the nodes hear each other: what is sent before that is lost.
+"""What the nodes say of themselves: whether they hear each other, and what has reached them.
 
 Only a publisher knows how many subscribers it has found, so the nodes tell it on ``/diagnostics``
-as ``subscribers TOPIC``. There slam_node tells too which feature frames it is done with, also
-those that it refused and will never answer.
+as ``subscribers TOPIC``; what is sent before that is lost. There they tell too what they were
+sent, and slam_node which feature frames it is done with, also those that it refused and will never
+answer. A node that is busy tells nothing.
 """
 
-from collections.abc import Callable
+import time
+from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from vislam_ros.data.bags.layout import DIAGNOSTICS, FEATURES, ODOMETRY, PREDICTION, STEPS
-from vislam_ros.data.results.completeness import NodeReport
+from vislam_ros.data.results.completeness import Ledger, NodeReport
+from vislam_ros.nodes.diagnostics import neighbour
+from vislam_ros.nodes.player.window import FeatureWindow
 from vislam_ros.nodes.topics import STREAM
 
 #: Topics between the nodes, and which nodes must hear them.
@@ -22,42 +26,76 @@ LINKS = {
     ODOMETRY.name: ("recorder_node",),
     STEPS.name: ("recorder_node",),
 }
+#: Nodes that what is played goes through.
+REPORTING = ("imu_prediction_node", "slam_node")
 
 _KEY = "subscribers "
+# A node at work or at leisure reports every second.
+_SILENCE_SECONDS = 2.0
 
 
 class GraphWatch:
-    """Follows what the nodes report about their subscribers.
+    """Follows what the nodes report.
 
     Parameters
     ----------
     node : Node
         Asks and listens; some other thread spins it.
-    on_frames : callable
-        Called with how many feature frames slam_node has taken since :meth:`begin`, and how many
-        of them wait for their prediction.
+    window : FeatureWindow
+        Is told which frames slam_node is done with.
     """
 
-    def __init__(self, node: Node, on_frames: Callable[[int, int], None]):
+    def __init__(self, node: Node, window: FeatureWindow):
         self._node = node
-        self._on_frames = on_frames
-        self._taken = self._taken_before = 0
+        self._window = window
+        self._ledger = Ledger()
         self._found: dict[str, int] = {}
+        self._reported: dict[str, float] = {}  # when last
+        self._knows = False
         node.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self._on_diagnostics, STREAM)
 
     def begin(self) -> None:
-        """Count frames from now on."""
-        self._taken_before = self._taken
+        """Count what the nodes are sent from now on."""
+        self._ledger.begin()
+        self._knows = "slam_node" in self._reported and not self.silent()
+
+    def silent(self) -> list[str]:
+        """Nodes that are there and have not reported yet."""
+        return [name for name in self._present() if name not in self._reported]
+
+    def is_busy(self) -> bool:
+        """Tell whether a node that used to report has said nothing for long."""
+        latest = time.monotonic() - _SILENCE_SECONDS
+        return any(self._reported.get(name, latest) < latest for name in self._present())
+
+    def is_at_rest(self, sent: Mapping[str, int]) -> bool:
+        """Tell whether the nodes have taken all that was sent, by topic, and what comes of it."""
+        self._ledger.set_sent(sent)
+        return self._knows and not self._ledger.missing()
+
+    def _present(self) -> list[str]:
+        publishers = {
+            info.node_name
+            for topic in (PREDICTION.name, ODOMETRY.name)
+            for info in self._node.get_publishers_info_by_topic(topic)
+        }
+        return [name for name in REPORTING if name in publishers]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            name = neighbour(self._node, status.name)
+            if name is None:
+                continue
             for entry in status.values:
                 if entry.key.startswith(_KEY):
                     self._found[entry.key.removeprefix(_KEY)] = int(entry.value)
-            if status.name.rpartition("/")[2] == "slam_node":
+            if name in REPORTING:
                 report = NodeReport.of_values({entry.key: entry.value for entry in status.values})
-                self._taken = report.received.get(FEATURES.name, 0)
-                self._on_frames(self._taken - self._taken_before, report.waiting)
+                self._ledger.set_report(name, report)
+                self._reported[name] = time.monotonic()
+                if self._knows and name == "slam_node":
+                    taken = self._ledger.received(name, FEATURES.name)
+                    self._window.settle(taken, report.waiting)
 
     def missing(self) -> list[str]:
         """Links that are not there yet, in words; empty where the graph is whole."""

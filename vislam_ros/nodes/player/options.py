@@ -3,7 +3,7 @@
 """What a player is told and what it reports."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,10 @@ class PlayOptions:
     start_paused : bool
     topics : tuple of str
         Topics to play; empty means all.
+    namespace : str
+        Of the player and, unless the bag has it, of what it plays; empty is the outermost one.
     remap : tuple of str
-        ROS remapping rules ``from:=to``.
+        ROS remapping rules ``from:=to``, by the names that the bag has.
     clock_rate : float
         How often to publish /clock, Hz; 0 does not.
     wait : float
@@ -44,6 +46,7 @@ class PlayOptions:
     delay: float = 0.0
     start_paused: bool = False
     topics: tuple[str, ...] = ()
+    namespace: str = ""
     remap: tuple[str, ...] = ()
     clock_rate: float = 0.0
     wait: float = 10.0
@@ -66,6 +69,8 @@ class PlayReport:
         Bag time played and the time that took, pauses left out.
     delivered : bool
         Whether every subscriber acknowledged all that it was sent.
+    untaken : dict of str to int
+        Messages that were sent while nobody subscribed, by topic.
     """
 
     state: str = ""
@@ -74,6 +79,7 @@ class PlayReport:
     bag_seconds: float = 0.0
     wall_seconds: float = 0.0
     delivered: bool = False
+    untaken: dict[str, int] = field(default_factory=dict)
 
     @property
     def rate(self) -> float:

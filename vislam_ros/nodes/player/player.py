@@ -11,8 +11,7 @@ import functools
 import struct
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -21,28 +20,32 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from vislam_ros.data.bags.bag_messages import BagMessages
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
 from vislam_ros.data.bags.decoding import stamp_of
-from vislam_ros.data.bags.layout import CLOCK, FEATURES, IMU, ODOMETRY, PLAYER, TWIST
+from vislam_ros.data.bags.layout import CLOCK, FEATURES, IMU, ODOMETRY, PLAYER, TWIST, Topic
+from vislam_ros.data.bags.naming import namespace_of
 from vislam_ros.data.trajectory import NANOSECONDS
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes.conversions import stamp_to_message, status, status_array
+from vislam_ros.nodes.parameters import warn_of_undeclared_overrides
 from vislam_ros.nodes.player.clock import PlaybackClock
 from vislam_ros.nodes.player.graph import GraphWatch
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
+from vislam_ros.nodes.player.outlets import Outlet, make_outlets
 from vislam_ros.nodes.player.window import FeatureWindow
-from vislam_ros.nodes.topics import LATCHED, STREAM, message_class
+from vislam_ros.nodes.steady import steady_timer
+from vislam_ros.nodes.topics import LATCHED, STREAM
 
 Progress = Callable[[float], None]
 """Called with the seconds of the bag that were played in this pass."""
 
 STALL_SECONDS = 5.0
 DELIVERY_SECONDS = 60.0
-PARTING_SECONDS = 2.0
+PARTING_SECONDS = 0.5
 
 _STATUS_PERIOD = 1.0
 _COUNTED = (IMU, TWIST, FEATURES)
@@ -66,29 +69,33 @@ class Player(Node):
     """
 
     def __init__(self, bag: BagMessages, options: PlayOptions, context: Context | None = None):
-        rules = [word for rule in options.remap for word in ("-r", rule)]
+        renamed, rules = _split_rules(options.remap, bag)
         super().__init__(
-            "player", context=context, cli_args=["--ros-args", *rules] if rules else None
+            "player",
+            context=context,
+            cli_args=["--ros-args", *rules] if rules else None,
+            namespace=namespace_of(options.namespace) or None,
         )
         self.options = options
         self.clock = PlaybackClock(options.rate, paused=options.start_paused)
         self._bag = bag
         self._window = FeatureWindow(self.clock.condition)
-        self._publishers_by_topic = self._create_publishers()
-        self._graph = GraphWatch(self, self._window.settle) if options.whole_graph else None
+        self._outlets = self._create_outlets(renamed)
+        self._by_role = {outlet.role: outlet for outlet in self._outlets.values()}
+        self._graph = GraphWatch(self, self._window)
         self.report = PlayReport()
         self._began = 0.0
-        self._sent: Counter[str] = Counter()
         self._status = self.create_publisher(DiagnosticArray, PLAYER.name, LATCHED)
-        self.create_timer(_STATUS_PERIOD, self.publish_status)
+        steady_timer(self, _STATUS_PERIOD, self.publish_status)
         if options.clock_rate > 0.0:
             self._ros_clock = self.create_publisher(Clock, CLOCK.name, STREAM)
-            self.create_timer(1.0 / options.clock_rate, self._publish_clock)
+            steady_timer(self, 1.0 / options.clock_rate, self._publish_clock)
         self._odometry = self.create_subscription(
             Odometry, ODOMETRY.name, self._on_odometry, STREAM
         )
         for command in (self.pause, self.resume, self.step):
             self.create_service(Trigger, f"~/{command.__name__}", _answer(command))
+        warn_of_undeclared_overrides(self)
         self.publish_status()
 
     def pause(self) -> None:
@@ -127,14 +134,15 @@ class Player(Node):
         with self._spinning():
             self._wait_for_subscribers()
             self.clock.wait_for(lambda: False, self.options.delay)
-            if self._graph:
-                self._graph.begin()
+            self._graph.begin()
             self._began = time.monotonic() - self.clock.seconds_paused()
             while self._play_once(progress) and self._drain():
                 report.passes += 1
                 if report.passes == self.options.passes:
                     break
             report.delivered = self._deliver()
+            outlets = self._outlets.values()
+            report.untaken = {outlet.name: outlet.untaken for outlet in outlets if outlet.untaken}
             report.state = "interrupted" if self.clock.interrupted else "finished"
             self.publish_status()
             self._status.wait_for_all_acked(Duration(seconds=PARTING_SECONDS))
@@ -144,7 +152,7 @@ class Player(Node):
         """Say on ``player/status`` what is going on."""
         values = {
             "state": self.state,
-            **{f"sent {topic.name}": self._sent[topic.recorded] for topic in _COUNTED},
+            **{f"sent {topic.name}": self._sent(topic) for topic in _COUNTED},
             "features_acknowledged": self._window.acknowledged,
             "messages_sent": self.report.messages,
             "passes": self.report.passes,
@@ -153,37 +161,37 @@ class Player(Node):
         stamp = stamp_to_message(self.clock.position())
         self._status.publish(status_array(stamp, [status("player", values)]))
 
-    def _create_publishers(self) -> dict[str, Publisher]:
-        """Publisher of each topic that is to be played and whose message type is installed."""
-        connections = {connection.topic: connection for connection in self._bag.connections}
-        chosen = {f"/{topic.lstrip('/')}" for topic in self.options.topics} or set(connections)
-        if unknown := chosen - set(connections):
+    def _create_outlets(self, renamed: Mapping[str, str]) -> dict[str, Outlet]:
+        """Outlet of each topic that is to be played, by the name that the bag has for it."""
+        connections = self._bag.connections
+        recorded = {connection.topic for connection in connections}
+        chosen = {f"/{topic.lstrip('/')}" for topic in self.options.topics} or recorded
+        if unknown := chosen - recorded:
             raise VislamError(
                 f"{self._bag.path}: has no topic {', '.join(sorted(unknown))}: choose from "
-                f"{', '.join(sorted(connections)) or 'none'}"
+                f"{', '.join(sorted(recorded)) or 'none'}"
             )
-        publishers = {}
-        for topic in sorted(chosen):
-            connection = connections[topic]
-            cls = message_class(connection.msgtype)
-            if cls is None:
-                self.get_logger().warning(
-                    f"{topic} is not played: {connection.msgtype} is not installed"
-                )
-                continue
-            qos = LATCHED if connection.latched else STREAM
-            publishers[topic] = self.create_publisher(cls, topic, qos)
-        return publishers
+        return make_outlets(self, connections, chosen, renamed)
 
     def _wait_for_subscribers(self) -> None:
+        needed = {TWIST: self.options.subscribers, FEATURES: self.options.subscribers}
+        # What is kept for those who come later need not wait for them.
+        needed.update(dict.fromkeys(CALIBRATION_TOPICS, 1))
+        waiting = [
+            (topic, self._by_role[topic], count)
+            for topic, count in needed.items()
+            if topic in self._by_role and not self._by_role[topic].latched
+        ]
+
         def missing() -> list[str]:
             links = [
-                f"{self.options.subscribers} subscriber(s) of {topic.name}"
-                for topic in (TWIST, FEATURES)
-                if (publisher := self._publishers_by_topic.get(topic.recorded))
-                and publisher.get_subscription_count() < self.options.subscribers
+                f"{count} subscriber(s) of {topic.name}"
+                for topic, outlet, count in waiting
+                if outlet.subscribers < count
             ]
-            return links + (self._graph.missing() if self._graph else [])
+            if self.options.rate == 0.0:
+                links += [f"a report of {name}" for name in self._graph.silent()]
+            return links + (self._graph.missing() if self.options.whole_graph else [])
 
         if not self.clock.wait_for(lambda: not missing(), self.options.wait):
             links = missing()
@@ -198,24 +206,23 @@ class Player(Node):
         begin = round(self.options.start_offset * NANOSECONDS)
         end = begin + self.options.duration * NANOSECONDS
         stop = None if end > self._bag.duration else round(end)
-        messages = self._bag.messages(
-            self._publishers_by_topic.keys(), start_offset=begin, stop_offset=stop
-        )
-        has_features = FEATURES.recorded in self._publishers_by_topic
+        messages = self._bag.messages(self._outlets.keys(), start_offset=begin, stop_offset=stop)
+        has_features = FEATURES in self._by_role
         begin += self._bag.start
         before = self.report.bag_seconds
+        self._window.expect()
         self.clock.start(begin)
         for connection, stamp, data in messages:
-            is_frame = connection.topic == FEATURES.recorded
+            outlet = self._outlets[connection.topic]
+            is_frame = outlet.role is FEATURES
             if not self.clock.wait(stamp):
                 return False
             if is_frame:
                 if self.options.rate == 0.0:
                     self._wait_for_answers(self.options.window - 1)
                 self._window.add(_header_stamp(data))
-            if not self._publish(self._publishers_by_topic[connection.topic], data):
+            if not self._send(outlet, data):
                 return False
-            self._sent[connection.topic] += 1
             self.clock.sent(stamp, ends_step=is_frame or not has_features)
             played = max(0.0, (stamp - begin) / NANOSECONDS)
             self._count(before + played)
@@ -229,9 +236,13 @@ class Player(Node):
         running = time.monotonic() - self._began - self.clock.seconds_paused()
         self.report.wall_seconds = max(running, 1e-9)
 
-    def _publish(self, publisher: Publisher, data: bytes) -> bool:
+    def _sent(self, topic: Topic) -> int:
+        """How many messages were sent on a topic of a drive."""
+        return self._by_role[topic].sent if topic in self._by_role else 0
+
+    def _send(self, outlet: Outlet, data: bytes) -> bool:
         """Publish however long it takes the subscribers to make room; False if interrupted."""
-        while not _try_to_publish(publisher, data):
+        while not outlet.send(data):
             if self.clock.interrupted or not self.context.ok():
                 return False
         return True
@@ -239,23 +250,33 @@ class Player(Node):
     def _wait_for_answers(self, most_waiting: int) -> None:
         """Wait until at most so many frames are unanswered, if anybody answers at all.
 
-        For none to be, it is enough that the graph has taken them: what waits there for its
-        motion may wait for what the bag does not hold.
+        What waits in a graph that has taken all else waits for motion that the bag holds later,
+        or not at all. A node that is busy, as with the exact map of the last pass, is waited for
+        as long as it is there.
         """
         window = self._window
         while window.waiting > most_waiting and window.answered:
-            if not most_waiting and window.has_taken_all():
+            if self._is_at_rest():
+                window.forget()
                 return
             if self.clock.interrupted or not self.count_publishers(self._odometry.topic_name):
                 return
-            answer = functools.partial(window.has_moved_on, window.acknowledged, window.taken)
+            answer = functools.partial(self._hears, window.acknowledged, window.taken)
             moved_on = self.clock.wait_for(answer, STALL_SECONDS)
-            if not (moved_on or self.clock.interrupted):
+            if not (moved_on or self.clock.interrupted or self._graph.is_busy()):
                 self.get_logger().warning(
                     f"{self._odometry.topic_name} has not answered {window.waiting} feature "
                     f"frame(s) for {STALL_SECONDS:g} s: going on without"
                 )
-                window.forget()
+                window.expect_none()
+
+    def _hears(self, acknowledged: int, taken: int) -> bool:
+        """Whether the graph has done more than this, or has done all."""
+        return self._window.has_moved_on(acknowledged, taken) or self._is_at_rest()
+
+    def _is_at_rest(self) -> bool:
+        sent = {topic.name: self._sent(topic) for topic in _COUNTED}
+        return self._graph.is_at_rest(sent)
 
     def _drain(self) -> bool:
         """Wait until the graph has answered all frames; False if interrupted."""
@@ -266,11 +287,11 @@ class Player(Node):
         """Wait until all messages are acknowledged; whether they are."""
         patience = PARTING_SECONDS if self.clock.interrupted else DELIVERY_SECONDS
         end = time.monotonic() + patience
-        for topic, publisher in self._publishers_by_topic.items():
-            while not publisher.wait_for_all_acked(Duration(seconds=0.1)):
+        for outlet in self._outlets.values():
+            while not outlet.publisher.wait_for_all_acked(Duration(seconds=0.1)):
                 if time.monotonic() > end:
                     self.get_logger().warning(
-                        f"{topic}: a subscriber has not taken all messages in {patience:g} s"
+                        f"{outlet.name}: a subscriber has not taken all messages in {patience:g} s"
                     )
                     return False
         return True
@@ -295,13 +316,18 @@ class Player(Node):
             thread.join()
 
 
-def _try_to_publish(publisher: Publisher, data: bytes) -> bool:
-    """Publish; False where the history is full because a subscriber is slow."""
-    try:
-        publisher.publish(data)
-    except RuntimeError:
-        return False
-    return True
+def _split_rules(rules: Iterable[str], bag: BagMessages) -> tuple[dict[str, str], list[str]]:
+    """Rules for topics of the bag, by its names, and the arguments of those for the player."""
+    recorded = {connection.topic for connection in bag.connections}
+    renamed, others = {}, []
+    for rule in rules:
+        source, _, target = rule.partition(":=")
+        name = f"/{source.lstrip('/')}"
+        if name in recorded:
+            renamed[name] = target
+        else:
+            others += ["-r", rule]
+    return renamed, others
 
 
 def _header_stamp(data: bytes) -> int | None:

@@ -64,12 +64,18 @@ class FeatureWindow:
         """Whether the graph has done more than this."""
         return (self.acknowledged, self.taken) != (acknowledged, taken)
 
-    def has_taken_all(self) -> bool:
-        """Whether the graph has taken each frame that was sent."""
-        return self.taken >= self.sent
+    def expect(self) -> None:
+        """Expect answers, whatever was before."""
+        with self._condition:
+            self.answered = True
 
     def forget(self) -> None:
-        """Expect no answers until the next one comes."""
+        """Give up the frames that are not answered yet."""
+        with self._condition:
+            self._waiting.clear()
+
+    def expect_none(self) -> None:
+        """Give them up, and expect no answers until the next one comes."""
         with self._condition:
             self._waiting.clear()
             self.answered = False

@@ -3,7 +3,6 @@
 """The recorder, told by its callbacks what the SLAM node's callbacks publish."""
 
 import dataclasses
-import json
 import shutil
 import time
 from collections import Counter
@@ -11,115 +10,41 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from live.recorder_messages import (
+    answer_later,
+    give,
+    give_drive,
+    give_map,
+    give_player,
+    give_step,
+    summary,
+    tick_until_finished,
+)
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
+from std_srvs.srv import Trigger
 
-from vislam_ros.core.settings import SlamSettings
-from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import estimates_of
-from vislam_ros.data.bags import decoding
+from vislam_ros.core.verdict.reason import Judgement, Word
 from vislam_ros.data.bags.layout import (
-    DEFAULT_FRAMES,
     DIAGNOSTICS,
-    FEATURES,
     GYRO_BIAS,
     LANDMARKS,
     ODOMETRY,
     PLAYER,
     PREDICTION,
     STEPS,
-    TWIST,
 )
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.data.results.reader import read_results
-from vislam_ros.data.results.recording import Raw
 from vislam_ros.data.trajectory import read_tum, tum_line
 from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions, recorder_node
+from vislam_ros.nodes.recorder.map_request import map_answer
 from vislam_ros.nodes.recorder_node import RecorderNode
-from vislam_ros.nodes.slam_report import step_values
-
-
-@pytest.fixture
-def answers(drive):
-    """What the SLAM node answers to the small drive: steps, and the map at the end."""
-    core = Slam(SlamSettings())
-    core.set_camera(drive.camera)
-    steps = []
-    for prediction, features in zip(drive.predictions, drive.features, strict=True):
-        steps += core.add_prediction(*decoding.pose(prediction))
-        steps += core.add_features(*decoding.features(features, DEFAULT_FRAMES))
-    return steps, core.landmarks()
-
-
-@pytest.fixture
-def recorder(make_node, tmp_path):
-    return make_node(RecorderNode, directory=str(tmp_path / "run"))
-
-
-def give(callback, topic, message):
-    callback(message, Raw(topic, serialize_message(message)))
-
-
-def give_step(recorder, step, first_of_pass=None):
-    odometry = conversions.odometry(
-        step.stamp, "map", "base_link", step.position, step.quaternion, step.covariance
-    )
-    values = step_values(step.row(), latency_ms=1.5)
-    if first_of_pass is not None:
-        values["first_of_pass"] = first_of_pass
-    give(recorder.on_odometry, ODOMETRY, odometry)
-    if step.estimates:
-        bias = conversions.vector3_stamped(step.stamp, "base_link", step.estimates[0].values)
-        give(recorder.on_gyro_bias, GYRO_BIAS, bias)
-    give(
-        recorder.on_step,
-        STEPS,
-        conversions.status_array(odometry.header.stamp, [conversions.status("slam_step", values)]),
-    )
-
-
-def give_map(recorder, stamp, landmarks):
-    give(
-        recorder.on_landmarks,
-        LANDMARKS,
-        conversions.landmarks_to_message(stamp, "map", landmarks),
-    )
-
-
-def give_player(recorder, state, sent):
-    values = {"state": state, f"sent {FEATURES.name}": sent, f"sent {TWIST.name}": sent}
-    message = conversions.status_array(
-        conversions.stamp_to_message(0), [conversions.status("player", values)]
-    )
-    give(recorder.on_player, PLAYER, message)
-
-
-def give_drive(recorder, drive, answers):
-    for prediction, step in zip(drive.predictions, answers[0], strict=True):
-        give(recorder.on_prediction, PREDICTION, prediction)
-        give_step(recorder, step)
-
-
-def tick_until_finished(recorder):
-    deadline = time.monotonic() + 20
-    while not recorder.recording.finished and time.monotonic() < deadline:
-        recorder.on_tick()
-        time.sleep(0.01)
-    assert recorder.recording.finished
-
-
-@pytest.fixture
-def no_patience(monkeypatch):
-    """Nobody answers in these tests, so there is no use in waiting."""
-    monkeypatch.setattr(recorder_node, "GRACE_SECONDS", 0.05)
-    monkeypatch.setattr(recorder_node, "ANSWER_SECONDS", 0.05)
-
-
-def summary(directory):
-    return json.loads((directory / "summary.json").read_text())
+from vislam_ros.nodes.slam_report import verdict_values
 
 
 def test_trajectory_is_the_core_s_byte_for_byte(recorder, drive, answers, tmp_path):
@@ -216,6 +141,7 @@ def test_a_recorder_that_is_stopped_leaves_incomplete_but_readable_results(
 ):
     give_player(recorder, "playing", 3)
     give_drive(recorder, drive, answers)
+    recorder.finish()
     recorder.destroy_node()
     told = summary(tmp_path / "run")
     assert told["complete"] is False
@@ -299,7 +225,8 @@ def test_what_the_nodes_report_goes_into_the_summary(recorder, drive, answers, t
         conversions.status(
             "/slam_node",
             {"peak memory [MB]": 81.5, "resets": 2, "refused features_late": 4}
-            | {"first features_late [s]": "3.500000000"},
+            | {"first features_late [s]": "3.500000000"}
+            | verdict_values(Judgement(drive.stamps[-1], Word.DOUBTFUL, ("one", "two"))),
         ),
         conversions.status("/imu_prediction_node", {"refused twist_non_finite": 1}),
     ]
@@ -311,6 +238,7 @@ def test_what_the_nodes_report_goes_into_the_summary(recorder, drive, answers, t
     assert told["resets"] == 2
     assert told["refused"] == {"features_late": 4, "twist_non_finite": 1}
     assert told["refused_first"] == {"features_late": "3.500000000"}
+    assert (told["verdict"], told["verdict_reasons"]) == ("doubtful", ["one", "two"])
 
 
 def test_an_estimator_without_a_bias_leaves_none_in_the_summary(
@@ -330,16 +258,20 @@ def test_a_map_that_is_on_its_way_is_waited_for(
     """The way back over a long drive takes longer than any other answer."""
     steps, landmarks = answers
     asked = []
-    monkeypatch.setattr(recorder._map_client, "service_is_ready", lambda: True)
-    monkeypatch.setattr(recorder._map_client, "call_async", asked.append)
+    monkeypatch.setattr(recorder._map._client, "service_is_ready", lambda: True)
+    monkeypatch.setattr(recorder._map._client, "call_async", lambda _: answer_later(asked))
     give_drive(recorder, drive, answers)
     give_player(recorder, "finished", len(steps))
     begin = time.monotonic()
     while time.monotonic() - begin < 4 * recorder_node.ANSWER_SECONDS:
         recorder.on_tick()
         assert not recorder.recording.finished
-    assert len(asked) == 1
+    (answer,) = asked
     give_map(recorder, steps[-1].stamp, landmarks)
+    recorder.on_tick()
+    assert not recorder.recording.finished
+    message = map_answer(len(landmarks), steps[-1].stamp)
+    answer.set_result(Trigger.Response(success=True, message=message))
     tick_until_finished(recorder)
     assert summary(tmp_path / "run")["complete"] is True
 

@@ -1,6 +1,9 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""``tools/faults.py files``: hostile files of every kind, each given to a command."""
+"""Hostile files of every kind, each given to a command.
+
+tools/faults.py files
+"""
 
 import argparse
 import sys

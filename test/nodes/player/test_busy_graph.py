@@ -1,0 +1,34 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A player at full speed, and a node that is busy for longer than it takes to lose patience."""
+
+import signal
+from dataclasses import replace
+
+from live.listening import FULL_SPEED, STEPS, wait_until
+
+from vislam_ros.data.bags.layout import FEATURES, ODOMETRY
+from vislam_ros.nodes.player import graph, player
+
+WINDOW = 4
+
+
+def test_a_node_that_is_busy_is_waited_for_and_not_flooded(
+    processes, listen, make_player, play_in_thread, monkeypatch
+):
+    monkeypatch.setattr(player, "STALL_SECONDS", 0.05)
+    monkeypatch.setattr(graph, "_SILENCE_SECONDS", 0.2)
+    processes.start("nodes.imu_prediction_node")
+    slam_node = processes.start("nodes.slam_node")
+    listener = listen(topics=[FEATURES, ODOMETRY])
+    features, poses = (listener.heard[topic.recorded] for topic in (FEATURES, ODOMETRY))
+    wait_until(lambda: listener.count_publishers(ODOMETRY.name), "the start of slam_node")
+    report = play_in_thread(make_player(replace(FULL_SPEED, window=WINDOW, passes=2)))
+    wait_until(lambda: len(poses) > 5, "the first poses")
+    slam_node.send_signal(signal.SIGSTOP)
+    told = len(listener.states)
+    wait_until(lambda: len(listener.states) > told + 2, "the player's reports of two seconds")
+    assert len(features) <= len(poses) + WINDOW + 1
+    slam_node.send_signal(signal.SIGCONT)
+    assert report().state == "finished"
+    wait_until(lambda: len(poses) == 2 * STEPS, "a pose for each frame of both passes")

@@ -1,0 +1,127 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Where a player sends the topics of a bag: their publishers, and who takes what they send."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from vislam_ros.data.bags.bag_messages import BagConnection
+from vislam_ros.data.bags.layout import LATCHED_QOS, STREAM_QOS, TOPICS, Topic
+from vislam_ros.data.bags.naming import namespace_of, played_name
+from vislam_ros.nodes.topics import message_class, qos_overrides, qos_profile
+
+
+@dataclass
+class Outlet:
+    """A topic that is played.
+
+    Attributes
+    ----------
+    publisher : Publisher
+    latched : bool
+        Whether those who come later get the last message.
+    role : Topic or None
+        Which topic of a drive it is.
+    sent : int
+        Messages that were sent.
+    """
+
+    publisher: Publisher
+    latched: bool
+    role: Topic | None = None
+    sent: int = 0
+    _unheard: int = 0
+
+    @property
+    def name(self) -> str:
+        """Topic on which it is played."""
+        return self.publisher.topic_name
+
+    @property
+    def subscribers(self) -> int:
+        """How many have found it."""
+        return self.publisher.get_subscription_count()
+
+    def send(self, data: bytes) -> bool:
+        """Publish; False where the history is full because a subscriber is slow."""
+        heard = self.subscribers > 0
+        try:
+            self.publisher.publish(data)
+        except RuntimeError:
+            return False
+        self.sent += 1
+        self._unheard += not heard
+        return True
+
+    @property
+    def untaken(self) -> int:
+        """Messages that nobody took, so far."""
+        return 0 if self.latched and self.subscribers else self._unheard
+
+
+def make_outlets(
+    node: Node,
+    connections: Sequence[BagConnection],
+    chosen: set[str],
+    renamed: Mapping[str, str],
+) -> dict[str, Outlet]:
+    """Make the outlet of each chosen topic of a bag whose message type is installed.
+
+    Parameters
+    ----------
+    node : Node
+        Topics are put into its namespace, unless the bag has it (see
+        :mod:`vislam_ros.data.bags.naming`).
+    connections : sequence of BagConnection
+    chosen : set of str
+        Topics as the bag calls them.
+    renamed : mapping of str to str
+        Other names under which to play some of them.
+    """
+    recorded = [connection.topic for connection in connections]
+    namespace = namespace_of(node.get_namespace())
+    outlets = {}
+    for connection in sorted(connections, key=lambda connection: connection.topic):
+        topic = connection.topic
+        if topic not in chosen:
+            continue
+        cls = message_class(connection.msgtype)
+        if cls is None:
+            node.get_logger().warning(
+                f"{topic} is not played: {connection.msgtype} is not installed"
+            )
+            continue
+        name = renamed.get(topic) or played_name(topic, recorded, namespace)
+        with qos_overrides(name) as overrides:
+            publisher = node.create_publisher(
+                cls,
+                name,
+                qos_profile(LATCHED_QOS if connection.latched else STREAM_QOS),
+                qos_overriding_options=overrides,
+                # Who does not fit may open another subscription that does, as our nodes do.
+                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            )
+        outlets[topic] = Outlet(publisher, connection.latched)
+    for role, topic in _roles(node, outlets, namespace):
+        outlets[topic].role = role
+    return outlets
+
+
+def _roles(
+    node: Node, outlets: Mapping[str, Outlet], namespace: str
+) -> Iterator[tuple[Topic, str]]:
+    """Yield each topic of a drive that is played, and what the bag calls it.
+
+    That is the one that is played under its name, or else the one that the bag has under it: the
+    nodes may be told, as the player was, to use another.
+    """
+    by_name = {outlet.name: topic for topic, outlet in outlets.items()}
+    for role in TOPICS:
+        played = by_name.get(node.resolve_topic_name(role.name))
+        own = next((t for t in (namespace + role.recorded, role.recorded) if t in outlets), None)
+        if topic := played or own:
+            yield role, topic

@@ -1,0 +1,85 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The end of a recording that is told to end while the graph may go on.
+
+What was published before is written. Steps that come after are held, until slam_node has said as
+of which step its map is: with that step the recording ends, so that poses and map are of one time.
+"""
+
+from typing import Generic, TypeVar
+
+QUIET_SECONDS = 0.2
+"""How long nothing must have come before a recorder closes its files where no map is to come."""
+
+LINGERING_SECONDS = 1.0
+"""How long it waits for that; after it, one moment is enough at which nothing waits."""
+
+_LONGEST_SECONDS = 5.0
+
+T = TypeVar("T")
+
+
+class Ending(Generic[T]):
+    """Begins when the recorder is told to end.
+
+    Parameters
+    ----------
+    now : float
+        Monotonic seconds.
+    inputs : int
+        Messages that came so far.
+
+    Attributes
+    ----------
+    last : int or None
+        Stamp (ns) of the last step, once it is known.
+    """
+
+    def __init__(self, now: float, inputs: int):
+        self._told_at = now
+        self._inputs, self._changed_at = inputs, now
+        self._held: list[tuple[int, T]] = []
+        self.last: int | None = None
+        self._is_over = self._was_empty = False
+
+    def note_empty(self, now: float, *, more_may_come: bool) -> None:
+        """Note that nothing waits to be taken, and whether anybody is left who may send."""
+        if not more_may_come or now - self._told_at > LINGERING_SECONDS:
+            self._was_empty = True
+
+    def is_quiet(self, now: float, inputs: int) -> bool:
+        """Whether nothing is on its way any more, as far as that can be told."""
+        if inputs != self._inputs:
+            self._inputs, self._changed_at = inputs, now
+        is_late = now - self._told_at > _LONGEST_SECONDS
+        return self._was_empty or is_late or now - self._changed_at >= QUIET_SECONDS
+
+    def take(self, stamp: int, step: T) -> list[T]:
+        """Take a step (ns); return those that are to be written now."""
+        self._held.append((stamp, step))
+        return [] if self.last is None else self._release()
+
+    def end_at(self, stamp: int, written: int | None) -> list[T]:
+        """End with the step of a stamp (ns), given the last one written; return others to write.
+
+        That step is written already or among those that are held or come.
+        """
+        if self.last is not None:
+            return []
+        self.last = stamp
+        self._is_over = stamp == written
+        return self._release()
+
+    def end_here(self) -> list[T]:
+        """End with the newest step; return those that are to be written still."""
+        held, self._held = self._held, []
+        return [] if self._is_over else [step for _, step in held]
+
+    def _release(self) -> list[T]:
+        held, self._held = self._held, []
+        released: list[T] = []
+        for stamp, step in held:
+            if not self._is_over:
+                released.append(step)
+                self._is_over = stamp == self.last
+        return released
