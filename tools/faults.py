@@ -67,7 +67,13 @@ def main() -> int:
     if sys.argv[1:2] == ["signals"]:
         signals = argparse.ArgumentParser(prog="faults.py signals")
         signals_command.add_arguments(signals)
-        return signals_command.run_command(signals.parse_args(sys.argv[2:]))
+        try:
+            return signals_command.run_command(signals.parse_args(sys.argv[2:]))
+        except VislamError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return FAILED
+        except KeyboardInterrupt:
+            return INTERRUPTED
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
