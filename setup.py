@@ -57,16 +57,20 @@ setup(
             "catkin-pkg",
             "evo",
             "hypothesis",
+            "lz4",
             "pytest>=7.4",
             "pytest-cov>=7.0",
             "pytest-timeout",
             "pytest-xdist",
+            "zstandard",
         ],
         "colcon": ["colcon-ros>=0.5"],
         # Optional: a cluster for sweeps, and a peer to measure against.
         "dask": ["distributed"],
         # GTSAM 4.2, the last for Python 3.10, does not go with numpy 2.
         "peers": ["gtsam>=4.3; python_version >= '3.11'"],
+        # Optional: tools/fuzz.py.
+        "fuzz": ["atheris>=3.0; python_version >= '3.11'"],
         "lint": [
             "mypy",
             "pre-commit",

@@ -15,6 +15,7 @@ from rewriting import JUNK, Change, changing, edit, unchanged
 from vislam_ros.data.bags.layout import (
     EXTRINSICS,
     FEATURES,
+    IMU,
     LEFT_CAMERA,
     RIGHT_CAMERA,
     TWIST,
@@ -103,6 +104,21 @@ def put_twist_nan(message: Any) -> None:
     message.twist.twist.angular.z = float("nan")
 
 
+def put_stamp(seconds: int, nanoseconds: int = 0) -> Action:
+    return lambda message: setattr(
+        message.header, "stamp", type(message.header.stamp)(seconds, nanoseconds)
+    )
+
+
+#: Stamps that cannot be believed, and the word under which they are counted.
+BAD_STAMPS: dict[str, tuple[Action, str]] = {
+    "a stamp that is zero": (put_stamp(0), "bad_stamp"),
+    "a stamp an hour back": (move(-3600.0), "bad_stamp"),
+    "a stamp at the end of time": (put_stamp(2**31 - 1), "bad_stamp"),
+    "nanoseconds of more than a second": (put_stamp(1_700_000_000, 1_100_000_000), "bad_fields"),
+}
+
+
 #: Single faulty messages; name -> change, and what is refused by word.
 FAULTS: dict[str, tuple[Change, dict[str, int]]] = {
     "nothing": (unchanged, {}),
@@ -138,10 +154,24 @@ FAULTS: dict[str, tuple[Change, dict[str, int]]] = {
     "a twist that is no message": (at(TWIST, K, lambda _: JUNK), {"twist_undecodable": 1}),
     "a twist sent twice": (at(TWIST, K, twice), {"twist_duplicate": 1}),
     "a lost twist": (at(TWIST, K, lambda _: None), {}),
-    "a twist from long ago": (
-        edit(TWIST, K, move(-100.0)),
-        {"features_no_prediction": FRAMES - K},
+    "the first twist is from the future": (
+        edit(TWIST, 0, move(100.0)),
+        {"twist_bad_stamp": 1, "features_no_prediction": 1},
     ),
+    "the last twist is from the future": (
+        edit(TWIST, FRAMES - 1, move(100.0)),
+        {"twist_bad_stamp": 1, "features_no_prediction": 1},
+    ),
+    "the last features are from the future": (
+        edit(FEATURES, FRAMES - 1, move(100.0)),
+        {"features_bad_stamp": 1},
+    ),
+    "the camera was away": (from_on([FEATURES, TWIST, IMU], K, move(7.0)), {}),
+    **{
+        f"{stream}: {name}": (edit(topic, K, action), {f"{stream}_{word}": 1})
+        for topic, stream in ((TWIST, "twist"), (FEATURES, "features"))
+        for name, (action, word) in BAD_STAMPS.items()
+    },
     "the right camera is off by a rounding": (edit(RIGHT_CAMERA, 0, put_p(2, 1e-9)), {}),
     "a camera info that is no pair": (
         followed_by(RIGHT_CAMERA, put_p(0, 1.0)),
@@ -166,11 +196,7 @@ FAULTS: dict[str, tuple[Change, dict[str, int]]] = {
 NO_STEP: dict[str, tuple[Change, dict[str, int]]] = {
     "all stamps are zero": (
         from_on([TWIST], 0, lambda m: setattr(m.header, "stamp", type(m.header.stamp)(0, 0))),
-        {"twist_duplicate": FRAMES - 1, "features_no_prediction": FRAMES},
-    ),
-    "the first twist is from the future": (
-        edit(TWIST, 0, move(100.0)),
-        {"features_no_prediction": FRAMES},
+        {"twist_bad_stamp": 1, "twist_duplicate": FRAMES - 1, "features_no_prediction": FRAMES},
     ),
     "all frames lie before their motion": (
         from_on([FEATURES], 0, move(-10.0)),

@@ -56,11 +56,12 @@ def rewritten(
     msgtype: Callable[[str, str], str] = lambda _, msgtype: msgtype,
     storage: StoragePlugin = StoragePlugin.MCAP,
     log_time: Callable[[str, int, int], int] = lambda _topic, _index, time: time,
+    called: str = "foreign",
     *,
     latches: bool = True,
 ) -> Path:
     """Another bag beside a bag, with each message changed, and nothing latched if so told."""
-    output = bag.parent / "foreign"
+    output = bag.parent / called
     with BagMessages(bag) as source, Writer(output, version=9, storage_plugin=storage) as writer:
         connections, counts = {}, dict.fromkeys((c.topic for c in source.connections), 0)
         for item in source.connections:

@@ -19,6 +19,7 @@ def step_row(stamp: int, **changes: float) -> dict[str, float]:
         "ms": 1.0,
         "tracks": 30,
         "first_of_pass": False,
+        "left_out": 0,
         **{f"gyro_bias_{axis}": 0.01 * (k + 1) for k, axis in enumerate("xyz")},
         **{f"gyro_bias_std_{axis}": 1e-3 for axis in "xyz"},
     }

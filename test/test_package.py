@@ -39,7 +39,7 @@ ROSDEP_KEYS = {
 # Test tools that rosdep has no key for; tests that want them skip without.
 PIP_ONLY = {"evo"}
 # Extras whose packages are imported only where they are asked for; rosdep need not know them.
-OPTIONAL_EXTRAS = ("dask", "peers")
+OPTIONAL_EXTRAS = ("dask", "fuzz", "peers")
 IMPORT_NAMES = {"pyyaml": "yaml"}
 # The package itself, and a module that type checkers alone know.
 NEEDS_NO_DECLARATION = {"vislam_ros", "_typeshed"}

@@ -68,9 +68,8 @@ def increments(drive: Drive, settings: SlamSettings) -> list[Increment]:
     reckoning = DeadReckoning(PredictionSettings(time_jump=settings.time_jump))
     path = PredictedPath(settings)
     for stamp, twist in zip(drive.twist_stamps.tolist(), drive.twists, strict=True):
-        prediction = reckoning.add_twist(stamp, twist)
-        assert prediction is not None
-        path.add(stamp, se3.pose_matrix(prediction.position, prediction.quaternion))
+        for pose in reckoning.add_twist(stamp, twist):
+            path.add(pose.stamp, se3.pose_matrix(pose.position, pose.quaternion))
     standing = Increment(np.eye(4), 0.0, np.zeros((6, 6)))
     stamps = drive.feature_stamps.tolist()
     return [standing, *(path.increment(a, b) for a, b in itertools.pairwise(stamps))]

@@ -66,6 +66,20 @@ def test_a_drive_is_simulated_along_a_reference_to_its_end(tmp_path, capsys):
     assert "21 steps" in line
 
 
+def test_a_bag_that_solve_cannot_read_is_not_whole(bag, tmp_path, capsys):
+    foreign = tmp_path / "foreign.mcap"
+    shutil.copy(next(bag.glob("*.mcap")), foreign)
+    assert main(["verify", str(foreign)]) == 0
+    params = tmp_path / "params.yaml"
+    params.write_text("'/**': {ros__parameters: {base_frame: car}}\n")
+    capsys.readouterr()
+    for command in (["solve", foreign, "--out", tmp_path / "out"], ["verify", foreign]):
+        assert main([str(word) for word in [*command, "--params", params]]) == 1
+        line = capsys.readouterr().err.splitlines()[-1]
+        assert "no usable message on /stereo/extrinsics and /imu/twist" in line
+    assert "is not damaged, but solve cannot read it: " in line
+
+
 def test_the_bag_is_whole_and_a_flipped_bit_is_found(bag, tmp_path, capsys):
     assert main(["verify", str(bag)]) == 0
     damaged = tmp_path / "damaged"

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from vislam_ros.core.filters.registry import estimator_named, estimator_names
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings, SlamSettings, settings_from_dict
 from vislam_ros.errors import SettingsError
@@ -24,7 +25,7 @@ def test_values_arrive_in_the_type_of_the_field():
     [
         ({"chi_gate": 1.0}, ["chi_gate", "no such parameter", "did you mean chi2_gate?"]),
         ({"chi2_gate": "high"}, ["chi2_gate", "'high'", "number"]),
-        ({"chi2_gate": -1.0}, ["chi2_gate", "-1.0", "at least 0"]),
+        ({"chi2_gate": -1.0}, ["chi2_gate", "-1.0", "between 0.0 and"]),
         ({"chi2_gate": float("nan")}, ["chi2_gate", "nan", "finite"]),
         ({"retire_after": 1.5}, ["retire_after", "1.5", "whole number"]),
         ({"retire_after": True}, ["retire_after", "True", "whole number"]),
@@ -50,3 +51,24 @@ def test_every_default_lies_in_its_range_and_has_a_meaning(cls):
     assert settings_from_dict(cls, defaults) == cls()
     for field in dataclasses.fields(cls):
         assert len(field.metadata["description"]) > 10
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_every_number_has_a_range_that_names_what_is_meant(name):
+    cls = estimator_named(name).settings
+    for field in dataclasses.fields(cls):
+        if type(field.default) in (float, int, tuple):
+            low, high = field.metadata["minimum"], field.metadata["maximum"]
+            assert low is not None, field.name
+            assert high is not None, field.name
+            beyond = 10**30 if type(field.default) is int else 1e200
+            value = (beyond,) * 4 if isinstance(field.default, tuple) else beyond
+            with pytest.raises(
+                SettingsError, match=f"^{field.name}: .* between {low} and {high}$"
+            ):
+                settings_from_dict(cls, {field.name: value})
+
+
+def test_a_whole_number_beyond_all_floats_is_no_finite_number():
+    with pytest.raises(SettingsError, match=r"chi2_gate: 1.* is not a finite number"):
+        settings_from_dict(RobocentricSettings, {"chi2_gate": 10**400})

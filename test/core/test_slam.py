@@ -132,6 +132,23 @@ def test_features_wait_for_the_camera():
     assert same(slam.set_camera(CAMERA), EXPECTED)
 
 
+def test_a_changed_camera_holds_from_the_next_pass_on():
+    slam, steps = session(), []
+    other = dataclasses.replace(CAMERA, fx=CAMERA.fx + 50.0, fx_baseline=CAMERA.fx_baseline * 1.5)
+    for k, (prediction, frame) in enumerate(zip(PREDICTIONS, FEATURES, strict=True)):
+        assert slam.has_begun == (k > 1)
+        if k == 6:
+            slam.set_camera(other)
+        steps += slam.add_prediction(*prediction)
+        steps += slam.add_features(*frame)
+    assert same(steps, EXPECTED)
+    slam.reset()
+    assert not slam.has_begun
+    with_other = Slam(SlamSettings())
+    with_other.set_camera(other)
+    assert same(play(slam), play(with_other))
+
+
 def test_a_lost_prediction_loses_no_step():
     slam, steps = session(), []
     for k, (prediction, frame) in enumerate(zip(PREDICTIONS, FEATURES, strict=True)):
@@ -201,9 +218,10 @@ def test_a_bad_prediction_is_refused_by_reason(stamp, position, quaternion, reas
 def test_a_frame_before_the_first_prediction_is_refused():
     slam = session()
     slam.add_features(*FEATURES[0])
+    slam.add_features(*FEATURES[1])
     assert slam.add_prediction(*PREDICTIONS[1]) == []
+    assert [step.stamp for step in slam.add_prediction(*PREDICTIONS[2])] == [STEP]
     assert slam.refused.counts == {"features_no_prediction": 1}
-    assert len(slam.add_features(*FEATURES[1])) == 1
 
 
 def test_frames_beyond_the_queue_are_refused():
@@ -214,19 +232,25 @@ def test_frames_beyond_the_queue_are_refused():
     assert slam.waiting == (FEATURES[0][0], FEATURES[1][0])
 
 
-def test_frames_that_still_wait_at_the_end_are_refused_and_named():
+def test_what_would_be_refused_at_the_end_is_named():
     slam = session()
     play(slam)
-    slam.add_features(12 * STEP, IDS, PIXELS)
-    slam.add_features(13 * STEP, IDS, PIXELS)
-    slam.refuse_waiting()
-    assert slam.refused.counts == {"features_no_prediction": 2}
-    assert slam.refused.first_stamps == {"features_no_prediction": 12 * STEP}
-    assert not slam.waiting
+    for stamp in (12 * STEP, 13 * STEP, 100 * STEP):
+        slam.add_features(stamp, IDS, PIXELS)
+    slam.add_prediction(200 * STEP, *PREDICTIONS[-1][1:])
+    assert slam.waiting == (12 * STEP, 13 * STEP, 100 * STEP)
+    over = slam.refused_if_over
+    assert over.counts == {
+        "features_no_prediction": 2,
+        "features_bad_stamp": 1,
+        "prediction_bad_stamp": 1,
+    }
+    assert over.first_stamps["features_no_prediction"] == 12 * STEP
+    assert over.first_stamps["features_bad_stamp"] == 100 * STEP
+    assert not slam.refused.counts
     blind = Slam(SlamSettings())
     play(blind)
-    blind.refuse_waiting()
-    assert blind.refused.counts == {"features_no_camera": len(FEATURES)}
+    assert blind.refused_if_over.counts == {"features_no_camera": len(FEATURES)}
 
 
 LATER = 1000 * STEP
@@ -236,11 +260,13 @@ LATER = 1000 * STEP
 def test_time_jumping_back_begins_anew_whichever_stream_jumps_first(first):
     slam = session()
     play(slam, *messages(LATER))
-    if first == "prediction":
-        steps = slam.add_prediction(*PREDICTIONS[0]) + slam.add_features(*FEATURES[0])
-    else:
-        steps = slam.add_features(*FEATURES[0]) + slam.add_prediction(*PREDICTIONS[0])
-    steps += play(slam, PREDICTIONS[1:], FEATURES[1:])
+    steps = []
+    for prediction, frame in zip(PREDICTIONS[:2], FEATURES[:2], strict=True):
+        if first == "prediction":
+            steps += slam.add_prediction(*prediction) + slam.add_features(*frame)
+        else:
+            steps += slam.add_features(*frame) + slam.add_prediction(*prediction)
+    steps += play(slam, PREDICTIONS[2:], FEATURES[2:])
     assert same(steps, EXPECTED)
     assert steps[0].first_of_pass
     assert slam.resets == 1
@@ -334,8 +360,10 @@ def test_a_share_of_the_tracks_is_chosen_by_id(fraction):
     ids = np.arange(20000, dtype=np.uint32)
     pixels = np.tile(np.array([[500, 100, 480, 100]], dtype=np.float32), (len(ids), 1))
     slam = session(feature_fraction=fraction, estimator="dead_reckoning")
-    slam.add_prediction(*PREDICTIONS[0])
-    observed = slam.add_features(0, ids, pixels)[0].observed
+    for prediction in PREDICTIONS[:2]:
+        slam.add_prediction(*prediction)
+    slam.add_features(0, ids, pixels)
+    observed = slam.add_features(STEP, ids, pixels)[0].observed
     assert observed / len(ids) == pytest.approx(fraction, abs=0.01)
 
 

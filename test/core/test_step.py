@@ -23,6 +23,7 @@ STEP = SlamStep(
     ms=2.0,
     tracks=70,
     first_of_pass=False,
+    left_out=0,
     position=np.zeros(3),
     quaternion=np.array([0.0, 0.0, 0.0, 1.0]),
     covariance=np.eye(6),

@@ -60,6 +60,12 @@ def test_the_summary_tells_of_the_steps(solution: Solution) -> None:
     assert summary["observations"] == solution.steps["observed"].sum()
 
 
+def test_the_summary_has_the_verdict(solution: Solution) -> None:
+    assert solution.verdict is not None
+    assert solution.summary["verdict"] == solution.verdict.word.value
+    assert solution.summary["verdict_reasons"] == list(solution.verdict.reasons)
+
+
 def test_settings_by_name_are_put_over_those_given() -> None:
     by_name = solve(DRIVE, estimator="joint", min_disparity=2)
     by_class = solve(DRIVE, JointSettings(min_disparity=2.0))
@@ -84,3 +90,19 @@ def test_a_drive_without_frames_has_a_table_without_rows() -> None:
     solution = solve(none)
     assert set(solution.steps) == set(KINDS)
     assert len(solution.trajectory) == len(solution.steps["stamp"]) == 0
+    assert solution.verdict is None
+
+
+def test_a_crowd_is_followed_as_far_as_there_is_room_and_the_rest_is_counted() -> None:
+    drive = simulate(steps=8, landmarks=4000, seed=1).drive
+    crowd = np.diff(drive.offsets)
+    assert crowd.min() > 1000
+    solution = solve(drive, max_active=60)
+    steps = solution.steps
+    assert steps["active"].max() == 60
+    assert steps["observed"].tolist() == crowd.tolist()
+    assert steps["left_out"][0] == crowd[0] - 60
+    assert solution.summary["left_out"] == steps["left_out"].sum()
+    assert solution.summary["complete"]
+    everything = solve(drive, max_active=20_000, estimator="mapping")
+    assert everything.steps["left_out"].sum() == 0

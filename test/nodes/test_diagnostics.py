@@ -23,7 +23,8 @@ WORDS = Topic("words", "std_msgs/msg/String", stream=Stream.TWIST)
 class Monitored(Node):
     def __init__(self, **options):
         super().__init__("monitored", **options)
-        self.monitor = Monitor(self, lambda: ("running", {"own value": 1.5}))
+        self.warning = None
+        self.monitor = Monitor(self, lambda: ("running", {"own value": 1.5}), lambda: self.warning)
 
 
 @pytest.fixture
@@ -163,6 +164,23 @@ def test_a_report_warns_of_what_was_refused_since_the_last(node, capture):
     status, values = last_report(published)
     assert (status.level, status.message) == (b"\x00", "running")
     assert values["refused twist_late"] == "1"
+
+
+def test_a_report_warns_for_as_long_as_something_is_wrong(node, capture):
+    published = capture(node)
+    node.warning = "the lamp is out"
+    node.monitor.refuse(Refusal.LATE, stream=Stream.TWIST)
+    node.monitor.report()
+    status, _ = last_report(published)
+    assert status.level == b"\x01"
+    assert status.message == "running; the lamp is out; 1 message(s) refused"
+    node.monitor.report()
+    status, _ = last_report(published)
+    assert (status.level, status.message) == (b"\x01", "running; the lamp is out")
+    node.warning = None
+    node.monitor.report()
+    status, _ = last_report(published)
+    assert (status.level, status.message) == (b"\x00", "running")
 
 
 def test_a_new_subscriber_is_reported(node, capture, spin_until):

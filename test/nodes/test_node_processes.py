@@ -132,8 +132,8 @@ def expected_trajectory(drive):
     slam.set_camera(drive.camera)
     steps = []
     for twist, features in zip(drive.twists, drive.features, strict=True):
-        pose = prediction.add_twist(*decoding.twist(twist, DEFAULT_FRAMES))
-        steps += slam.add_prediction(pose.stamp, pose.position, pose.quaternion)
+        for pose in prediction.add_twist(*decoding.twist(twist, DEFAULT_FRAMES)):
+            steps += slam.add_prediction(pose.stamp, pose.position, pose.quaternion)
         steps += slam.add_features(*decoding.features(features, DEFAULT_FRAMES))
     return "".join(f"{tum_line(s.stamp, s.position, s.quaternion)}\n" for s in steps)
 

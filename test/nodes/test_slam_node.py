@@ -163,8 +163,10 @@ def test_refused_predictions_are_counted(node, capture, drive):
     for message in (drive.predictions[0], not_finite, no_rotation, elsewhere):
         send(node, layout.PREDICTION, message)
     send(node, layout.PREDICTION, drive.predictions[0])
-    node.on_features(drive.features[0])
-    assert len(published[ODOMETRY]) == 1
+    send(node, layout.PREDICTION, drive.predictions[1])
+    for features in drive.features[:2]:
+        node.on_features(features)
+    assert len(published[ODOMETRY]) == 2
     assert node.monitor.refused.counts == {
         "prediction_unknown_frame": 1,
         "prediction_non_finite": 1,
@@ -336,20 +338,6 @@ def test_what_is_published_may_change_at_run_time_but_not_the_filter(node):
     assert not node.set_parameters([Parameter("map_frame", value="m")])[0].successful
 
 
-def test_a_camera_that_is_no_pair_is_refused_and_a_right_one_taken(node, capture, drive):
-    published = capture(node)
-    good = copy.deepcopy(drive.right)
-    drive.right.p[0] += 1.0
-    for topic, message in drive.calibration:
-        send(node, topic, message)
-    node.on_prediction(drive.predictions[0])
-    node.on_features(drive.features[0])
-    assert node.monitor.refused.counts == {"camera_info_not_a_pair": 1}
-    assert not published[ODOMETRY]
-    send(node, layout.RIGHT_CAMERA, good)
-    assert len(published[ODOMETRY]) == 1
-
-
 def test_localization_takes_its_map_from_a_file(make_node, capture, drive, tmp_path, node):
     predictions_first(drive, node)
     write_landmarks(tmp_path / "landmarks.npz", node.core.landmarks())
@@ -366,6 +354,17 @@ def test_localization_without_a_readable_map_does_not_start(make_node, tmp_path)
         make_node(SlamNode, estimator="localization")
     with pytest.raises(VislamError, match=r"none\.npz"):
         make_node(SlamNode, estimator="localization", map_file=str(tmp_path / "none.npz"))
+
+
+def test_diagnostics_warn_of_observations_that_there_was_no_room_for(make_node, capture, drive):
+    node = make_node(SlamNode, max_active=5)
+    published = capture(node)
+    predictions_first(drive, node)
+    for _ in range(2):
+        node.monitor.report()
+    (warned,), (after,) = (message.status for message in published[DIAGNOSTICS][-2:])
+    assert (warned.level, after.level) == (b"\x01", b"\x00")
+    assert "observations left out by max_active" in warned.message
 
 
 def test_diagnostics_tell_what_is_missing_and_what_was_done(node, capture, drive):

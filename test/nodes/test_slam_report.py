@@ -9,10 +9,18 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import StepTotals
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
+from vislam_ros.core.verdict.reason import Judgement, Word
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import DEFAULT_FRAMES
 from vislam_ros.nodes import conversions
-from vislam_ros.nodes.slam_report import SlamReport, row_from_values, step_values
+from vislam_ros.nodes.slam_report import (
+    PREVIOUS,
+    SlamReport,
+    row_from_values,
+    step_values,
+    verdict_from_values,
+    verdict_values,
+)
 
 
 @pytest.fixture
@@ -99,3 +107,31 @@ def test_diagnostics_tell_what_the_filter_estimates_with_its_deviation_and_unit(
         ("velocity_walk_std_x", "velocity walk std x [m/s/sqrt(s)]"),
     ):
         assert values[label] == row[name]
+
+
+@pytest.mark.parametrize(
+    "judgement",
+    [
+        Judgement(1_317_000_000_000_000_123, Word.GOOD, ()),
+        Judgement(5, Word.CONTRADICTION, ("30% of them; so", "NIS is 2.8")),
+    ],
+)
+def test_a_verdict_comes_out_of_a_message_as_it_went_in(judgement):
+    values = texts({**verdict_values(judgement), "verdict of others": 3})
+    assert verdict_from_values(values) == judgement
+    assert verdict_from_values(values, PREVIOUS) is None
+
+
+@pytest.mark.parametrize("change", [{"verdict": "fair"}, {"verdict at [ns]": "noon"}])
+def test_a_verdict_that_is_none_is_refused(change):
+    values = {**texts(verdict_values(Judgement(5, Word.GOOD, ()))), **change}
+    with pytest.raises(RefusedMessage, match="verdict"):
+        verdict_from_values(values)
+
+
+def test_diagnostics_tell_the_verdict_on_the_steps_and_on_those_before(report, core, steps):
+    assert verdict_from_values(texts(report.values())) == core.verdict()
+    core.reset()
+    values = texts(report.values())
+    assert verdict_from_values(values) is None
+    assert verdict_from_values(values, PREVIOUS) == core.previous_verdict

@@ -91,7 +91,7 @@ def live(make_node, capture, tmp_path, monkeypatch):
             for node, topics in heard.items():
                 if topic in topics:
                     node.monitor.take(topic, data)
-                    hand_on()
+            hand_on()
 
         def hand_on():
             for topics in published.values():

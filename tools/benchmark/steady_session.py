@@ -126,6 +126,7 @@ class SteadySession:
             settings = dataclasses.replace(settings, chi2_gate=_GATE)
         self._slam = WatchedSlam(settings, self._filter_steps.append)
         self._slam.set_camera(CAMERA)
+        self._hear(self._scene.frame(0))  # whose stamp the next one confirms
         self.last = self._take(0)
         # Every point gives way in every second step, so that each is a landmark that was used.
         while self.last.landmarks + active < landmarks:
@@ -159,6 +160,8 @@ class SteadySession:
         return self._give(self._scene.frame(turnover))
 
     def _give(self, frame: SceneFrame) -> SlamStep:
+        return self._hear(frame)[-1]
+
+    def _hear(self, frame: SceneFrame) -> list[SlamStep]:
         self._slam.add_prediction(frame.stamp, frame.position, frame.quaternion)
-        (step,) = self._slam.add_features(frame.stamp, frame.ids, frame.pixels)
-        return step
+        return self._slam.add_features(frame.stamp, frame.ids, frame.pixels)

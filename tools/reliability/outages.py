@@ -83,6 +83,8 @@ class OutageRow:
         The same of what is left: dead reckoning, or the undisturbed estimate.
     ate_ratio, nees_ratio : float
         Over the undisturbed estimate's.
+    beside_ate_ratio : float
+        The same of the undisturbed estimate whose motion across the hole is that of what is left.
     """
 
     outage: Outage
@@ -90,6 +92,7 @@ class OutageRow:
     beside_m: float
     ate_ratio: float
     nees_ratio: float
+    beside_ate_ratio: float
 
     @property
     def bound_m(self) -> float:
@@ -178,15 +181,32 @@ def _row(shared: _Shared, undisturbed: _Judged, outage: Outage, judged: _Judged)
         _motion_error(shared.reference, left, stamps),
         judged.ate / undisturbed.ate,
         judged.nees / undisturbed.nees,
+        _ate(shared.reference, _spliced(undisturbed.trajectory, left, stamps)) / undisturbed.ate,
     )
+
+
+def _ate(reference: Trajectory, estimate: Trajectory) -> float:
+    return float(compare(reference, estimate)["ate_m"]["rmse"])
+
+
+def _spliced(estimate: Trajectory, left: Trajectory, span: NDArray[np.int64]) -> Trajectory:
+    """Estimate whose motion across a span (ns) is that of another trajectory at its stamps."""
+    first, last = _ends(estimate.stamps, span)
+    begin, end = (left.T_world_body[k] for k in _ends(left.stamps, span))
+    T = estimate.T_world_body.copy()
+    T[last:] = T[first] @ np.linalg.inv(begin) @ end @ np.linalg.inv(T[last]) @ T[last:]
+    return Trajectory.from_matrices(estimate.stamps, T)
+
+
+def _ends(stamps: NDArray[np.int64], span: NDArray[np.int64]) -> tuple[int, int]:
+    """Which of some stamps is the last before a span (ns), and which the first after it."""
+    first = max(int(np.searchsorted(stamps, span[0])) - 1, 0)
+    return first, min(int(np.searchsorted(stamps, span[1])), len(stamps) - 1)
 
 
 def _motion_error(reference: Trajectory, estimate: Trajectory, span: NDArray[np.int64]) -> float:
     """Error of the motion from the last pose before a span (ns) to the first one after it."""
     i, j = associate_stamps(reference.stamps, estimate.stamps)
-    stamps = estimate.stamps[j]
-    first = max(int(np.searchsorted(stamps, span[0])) - 1, 0)
-    last = min(int(np.searchsorted(stamps, span[1])), len(stamps) - 1)
-    pair = np.array([[first, last]])
+    pair = np.array([_ends(estimate.stamps[j], span)])
     metres, _ = relative_errors(reference.T_world_body[i], estimate.T_world_body[j], pair)
     return float(metres[0])

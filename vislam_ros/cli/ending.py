@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How ``solve`` and ``run`` end: the same table, note and exit code for the same results."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from vislam_ros.cli.lines import tell
 from vislam_ros.cli.screen import print_summary
 from vislam_ros.data.results.completeness import describe_refused
 from vislam_ros.errors import VislamError
@@ -16,9 +16,12 @@ PassResults: TypeAlias = tuple[Path, Mapping[str, Any]]
 
 
 def print_passes(passes: Sequence[PassResults]) -> None:
-    """Print what came of each pass."""
+    """Print what came of each pass, and last whether its estimate can be trusted."""
     for directory, summary in passes:
         print_summary(f"{summary['drive']} in {directory}", summary)
+        if summary["verdict"]:
+            reasons = "; ".join(summary["verdict_reasons"])
+            print(f"verdict: {summary['verdict']}" + (f": {reasons}" if reasons else ""))
 
 
 def require_complete(passes: Sequence[PassResults]) -> None:
@@ -32,7 +35,12 @@ def require_complete(passes: Sequence[PassResults]) -> None:
     for directory, summary in passes:
         if not summary["complete"]:
             raise VislamError(f"{directory}: incomplete: {summary['incomplete_reason']}")
+    if left_out := sum(summary["left_out"] for _, summary in passes):
+        tell(
+            f"warning: {left_out} observations left out: frames have more new tracks than "
+            "max_active has room for"
+        )
     _, last = passes[-1]
     if last["refused"]:
         refused = describe_refused(last["refused"], last["refused_first"])
-        print(f"note: not used: {refused}", file=sys.stderr)
+        tell(f"note: not used: {refused}")

@@ -5,3 +5,4 @@
 OK = 0
 FAILED = 1
 INTERRUPTED = 130
+PIPE_CLOSED = 141  # as a shell names an end by SIGPIPE

@@ -1,14 +1,18 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The umbrella command ``vislam``."""
+"""The umbrella command ``vislam``, and the one place where its errors become a line."""
 
 import importlib
+import os
 import sys
+import traceback
+import warnings
 from collections.abc import Sequence
 
-from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED
+from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, PIPE_CLOSED
 from vislam_ros.cli.interrupts import is_interrupt, take_interrupts
-from vislam_ros.errors import VislamError
+from vislam_ros.cli.lines import tell
+from vislam_ros.errors import reason_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -21,21 +25,41 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         arguments = build_parser().parse_args(argv)
         verbose = arguments.verbose
-        # Only the command that runs is imported: some bring ROS or matplotlib.
-        module = importlib.import_module(f"vislam_ros.cli.commands.{arguments.command}")
-        return int(module.run(arguments))
-    except VislamError as error:
-        if verbose:
-            import traceback
-
-            traceback.print_exc()
-        print(f"error: {error}", file=sys.stderr)
-        return FAILED
+        with warnings.catch_warnings():
+            if not (verbose or sys.warnoptions):
+                # They name lines of sources, and tell a user nothing that an error would not.
+                warnings.simplefilter("ignore")
+            # Only the command that runs is imported: some bring ROS or matplotlib.
+            module = importlib.import_module(f"vislam_ros.cli.commands.{arguments.command}")
+            code = int(module.run(arguments))
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        return code
+    except SystemExit:
+        _leave_stdout()
+        raise
+    except BrokenPipeError:
+        # Whoever read has heard enough, as `head` has.
+        _leave_stdout()
+        return PIPE_CLOSED
     except BaseException as error:
-        if not is_interrupt(error):
-            raise
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
+        if is_interrupt(error):
+            tell("interrupted")
+            return INTERRUPTED
+        if verbose:
+            traceback.print_exc()
+        _leave_stdout()
+        tell(f"error: {reason_of(error)}")
+        return FAILED
+
+
+def _leave_stdout() -> None:
+    """Write out what is printed, or drop it where it cannot be, so that the end says no more."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

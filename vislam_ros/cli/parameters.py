@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from vislam_ros.cli.lines import tell
 from vislam_ros.core.filters.flat_settings import setting_owners, slam_settings, unused_note
 from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.landmarks import LandmarkMap
@@ -151,7 +152,7 @@ def report_unused(parameters: RunParameters) -> None:
     """Print a line where parameters were set that the estimator does not use."""
     note = unused_note(parameters.given["slam_node"])
     if note:
-        print(f"warning: slam_node: {note}", file=sys.stderr)
+        tell(f"warning: slam_node: {note}")
 
 
 def _known(node: str, values: Mapping[str, Any]) -> set[str]:

@@ -3,8 +3,8 @@
 """The drive that a command is given, with progress and the reader's notes."""
 
 import argparse
-import sys
 
+from vislam_ros.cli.lines import tell
 from vislam_ros.cli.played_bag import renamed_topics
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.reader import ReadingRules
@@ -44,4 +44,4 @@ def conventions(arguments: argparse.Namespace) -> Conventions:
 def print_notes(drive: Drive) -> None:
     """Print what the reader repaired or left out."""
     for note in drive.notes:
-        print(f"note: {note}", file=sys.stderr)
+        tell(f"note: {note}")

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vislam_ros.core.filters.quantities import OF_ROBOCENTRIC
+from vislam_ros.errors import one_line
 
 _SUMMARY_ROWS = (
     ("estimator", "estimator", "{}"),
@@ -21,6 +22,7 @@ _SUMMARY_ROWS = (
     ("landmarks", "landmarks", "{}"),
     ("tracks", "tracks", "{}"),
     ("observations", "observations", "{}"),
+    ("left_out", "left out by max_active", "{}"),
     ("rejected_fraction", "rejected", "{:.2%}"),
     ("nis_per_dof", "NIS per degree of freedom", "{:.2f}"),
     ("estimates", "", ""),
@@ -62,11 +64,11 @@ def progress_bar(
 
 def print_table(title: str, rows: Mapping[str, str]) -> None:
     """Print names and values."""
-    table = Table(title=Text(title), title_justify="left", show_header=False)
+    table = Table(title=Text(one_line(title)), title_justify="left", show_header=False)
     table.add_column()
     table.add_column(justify="right")
     for name, value in rows.items():
-        table.add_row(Text(name), Text(value))
+        table.add_row(Text(name), Text(one_line(value)))
     Console().print(table)
 
 
@@ -75,7 +77,7 @@ def print_summary(title: str, summary: Mapping[str, Any]) -> None:
     rows = {}
     for key, label, style in _SUMMARY_ROWS:
         value = summary.get(key)
-        if value is None or value == {}:
+        if value is None or value == {} or (key == "left_out" and not value):
             continue
         if key == "estimates":
             rows.update(_estimate_rows(value))

@@ -13,10 +13,24 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from vislam_ros.core.ranges import LARGEST_PIXEL, VELOCITY
 from vislam_ros.errors import SettingsError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+
+
+# Settings beyond these are slips of a digit or of a unit, and their squares soon no numbers.
+#: Of a velocity, an angular velocity, their noise and their walks [m/s, rad/s, m/s/sqrt(s)].
+LARGEST_RATE = VELOCITY.high
+#: "Not known at all", of a pose or a landmark [m^2, rad^2].
+LARGEST_VARIANCE = 1e12
+#: A day and a night of frames [frames, s].
+MOST_FRAMES, LONGEST_TIME = 1_000_000, 1e6
+#: Squared, in standard deviations.
+LARGEST_GATE = 1e12
+#: ROS has no larger ones.
+LARGEST_WHOLE = 2**63 - 1
 
 
 def setting(
@@ -53,30 +67,36 @@ class MotionSettings:
         0.5,
         "White noise of one velocity sample on each axis [m/s], with process_noise: white_twist",
         minimum=0.0,
+        maximum=LARGEST_RATE,
     )
     angular_velocity_noise_std: float = setting(
         0.05,
         "White noise of one angular velocity sample on each axis [rad/s], with process_noise: "
         "white_twist",
         minimum=0.0,
+        maximum=LARGEST_RATE,
     )
     process_variance: float = setting(
         1e-10,
         "Variance of each of the six pose terms in a step [m^2, rad^2], with process_noise: "
         "constant",
         minimum=0.0,
+        maximum=LARGEST_VARIANCE,
     )
     prior_pose_variance: float = setting(
         0.0,
         "Variance of each of the six terms of the first pose [m^2, rad^2]; 0 makes the first "
         "pose the map's origin",
         minimum=0.0,
+        maximum=LARGEST_VARIANCE,
     )
     time_jump: float = setting(
         1.0,
-        "A stamp that lies more than this before the newest begins a new pass, as a looping bag "
-        "does; a smaller step back is a late message: refused live, sorted in offline [s]",
+        "A stamp that lies more than this from the newest is believed only with the next message "
+        "near it: ahead after a hole, back as the begin of a new pass; a smaller step back is a "
+        "late message: refused live, sorted in offline [s]",
         minimum=0.0,
+        maximum=LONGEST_TIME,
     )
 
 
@@ -92,13 +112,16 @@ class SlamSettings(MotionSettings):
     estimator: str = setting("robocentric", "Which filter runs, or module:Class of your own")
     retire_after: int = setting(
         1,
-        "A landmark unseen for this many feature frames leaves the dense block and its track",
+        "A landmark unseen for this many feature frames, missing ones included, leaves the dense "
+        "block and its track",
         minimum=1,
+        maximum=MOST_FRAMES,
     )
     rest_after_rejection: int = setting(
         20,
         "Feature frames for which a track whose observation was rejected is left out",
         minimum=0,
+        maximum=MOST_FRAMES,
     )
     track_continuity: bool = setting(
         True,
@@ -117,6 +140,7 @@ class SlamSettings(MotionSettings):
         "Tracks that the predicted motion moves by less than this (median of a frame) may "
         "repeat their pixels honestly, as those of a standing car do [px]",
         minimum=0.0,
+        maximum=LARGEST_PIXEL,
     )
     feature_fraction: float = setting(
         1.0,
@@ -124,11 +148,21 @@ class SlamSettings(MotionSettings):
         minimum=0.0,
         maximum=1.0,
     )
-    seed: int = setting(0, "Seed of the choice of tracks", minimum=0)
+    seed: int = setting(0, "Seed of the choice of tracks", minimum=0, maximum=LARGEST_WHOLE)
+    max_active: int = setting(
+        500,
+        "Tracks that are followed at a time. Where a frame has more, those are taken that cover "
+        "the image best, and the others are left out, counted and told: a step of robocentric "
+        "and joint costs the cube of their number",
+        minimum=1,
+        maximum=20_000,
+    )
     max_pending: int = setting(
         5000,
-        "Feature frames that may wait for their prediction or the camera; more are refused",
+        "Feature frames that may wait for their prediction or the camera; more are refused. One "
+        "of thousands of features counts as so many",
         minimum=1,
+        maximum=MOST_FRAMES,
     )
 
 
@@ -198,6 +232,12 @@ def _checked(field: "dataclasses.Field[Any]", value: Any) -> Any:
 
 
 def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise SettingsError(f"{name}: {value!r} is not a finite number")
-    return float(value)
+    try:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise ValueError
+        number = float(value)
+        if not math.isfinite(number):
+            raise ValueError
+    except (ValueError, OverflowError):
+        raise SettingsError(f"{name}: {value!r} is not a finite number") from None
+    return number

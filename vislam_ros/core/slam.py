@@ -20,6 +20,7 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.motion import Increment, mean_twist
+from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_drive
 from vislam_ros.core.smoothing.tape import Tape
@@ -33,8 +34,11 @@ from vislam_ros.core.tracking.refusals import (
     check_features,
     check_pose,
 )
+from vislam_ros.core.tracking.subset import chosen_tracks
 from vislam_ros.core.tracking.time_order import Passes
 from vislam_ros.core.tracking.tracks import Tracks
+from vislam_ros.core.verdict.reason import Judgement
+from vislam_ros.core.verdict.verdict import Verdict
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
@@ -46,6 +50,11 @@ class _PendingFrame:
     stamp: int
     ids: NDArray[np.uint32]
     pixels: NDArray[np.float32]
+
+    @property
+    def weight(self) -> int:
+        """What it counts as among those that wait: one, and one more for each thousand points."""
+        return 1 + len(self.ids) // 1000
 
 
 class Slam:
@@ -69,6 +78,8 @@ class Slam:
     previous_map : LandmarkMap or None
         The map that the estimate had when it last began anew; the exact one where the session
         records.
+    previous_verdict : Judgement or None
+        The verdict on it then.
 
     Raises
     ------
@@ -98,55 +109,70 @@ class Slam:
         self.refused = RefusalCounts()
         self.resets = 0
         self.previous_map: LandmarkMap | None = None
+        self.previous_verdict: Judgement | None = None
         self._clear()
 
     def _clear(self) -> None:
         """Forget all messages and the estimate, but not the camera."""
         streams = (Stream.PREDICTION, Stream.FEATURES)
-        self._passes = Passes(dict.fromkeys(streams, self._settings.time_jump))
+        time_jumps = dict.fromkeys(streams, self._settings.time_jump)
+        self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
         self._pending: deque[_PendingFrame] = deque()
+        self._weight = 0
         self._begin_pass(0)
 
     def _begin_pass(self, pass_number: int) -> None:
         settings = self._settings
         self._pass = pass_number
         self._estimator: Estimator | None = None
+        self._camera_in_use: StereoCamera | None = None
         smoothable = self._registration.smoothable
         self._tape = Tape() if self._record and smoothable else None
+        self._verdict: Verdict | None = None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
+        self._frame_rate = FrameRate()
         self._tracks = Tracks(
             settings.retire_after,
             settings.frozen_share if settings.track_continuity else None,
             settings.rest_after_rejection,
+            most=settings.max_active,
         )
 
     @property
     def waiting(self) -> tuple[int, ...]:
-        """Stamps (ns) of the feature frames that wait for their prediction or for the camera."""
-        return tuple(frame.stamp for frame in self._pending)
+        """Stamps (ns) of the feature frames that are neither answered nor refused yet.
+
+        They wait for their prediction, the camera, or a frame that confirms their stamp.
+        """
+        pending = (frame.stamp for frame in self._pending)
+        return (*pending, *self._passes.held(Stream.FEATURES))
 
     @property
-    def waits_for(self) -> Refusal:
-        """Reason to refuse the frames that wait, if nothing more is to come."""
-        return Refusal.NO_CAMERA if self._camera is None else Refusal.NO_PREDICTION
+    def has_begun(self) -> bool:
+        """Whether the present pass has had a frame, and with it its camera."""
+        return self._estimator is not None
 
-    def refuse_waiting(self) -> None:
-        """Give up the frames that wait: nothing more is to come."""
+    @property
+    def refused_if_over(self) -> RefusalCounts:
+        """What will be refused besides if nothing more comes."""
+        over = self._passes.refused_if_over()
+        waits_for = Refusal.NO_CAMERA if self._camera is None else Refusal.NO_PREDICTION
         for frame in self._pending:
-            self.refused.add(Stream.FEATURES, self.waits_for, frame.stamp)
-        self._pending.clear()
+            over.add(Stream.FEATURES, waits_for, frame.stamp)
+        return over
 
     def reset(self) -> None:
         """Begin anew with the next features message, as at the start."""
-        self._keep_map()
+        self._keep_pass()
         self._clear()
         self.resets += 1
 
-    def _keep_map(self) -> None:
+    def _keep_pass(self) -> None:
         if self._estimator is not None:
             self.previous_map = self.best_landmarks()
+            self.previous_verdict = self.verdict()
 
     def set_camera(self, camera: StereoCamera) -> list[SlamStep]:
         """Tell the calibration; features that came before it are waiting.
@@ -180,12 +206,13 @@ class Slam:
         """
         try:
             check_pose(position, quaternion)
-            number = self._passes.enter(Stream.PREDICTION, stamp)
         except RefusedMessage as error:
             self.refused.add(Stream.PREDICTION, error.refusal, stamp)
             return []
-        path = self._paths.setdefault(number, PredictedPath(self._settings))
-        path.add(stamp, se3.pose_matrix(position, quaternion))
+        T = se3.pose_matrix(position, quaternion)
+        for number, entered, T_odom_body in self._passes.enter(Stream.PREDICTION, stamp, T):
+            path = self._paths.setdefault(number, PredictedPath(self._settings))
+            path.add(entered, T_odom_body)
         return self._advance()
 
     def add_features(self, stamp: int, ids: ArrayLike, pixels: ArrayLike) -> list[SlamStep]:
@@ -208,14 +235,17 @@ class Slam:
         pixels = np.asarray(pixels, dtype=np.float32)
         try:
             check_features(ids, pixels)
-            if len(self._pending) >= self._settings.max_pending:
-                raise RefusedMessage(Refusal.QUEUE_FULL)
-            number = self._passes.enter(Stream.FEATURES, stamp)
         except RefusedMessage as error:
             self.refused.add(Stream.FEATURES, error.refusal, stamp)
             return []
-        chosen = _chosen(ids, self._settings.feature_fraction, self._settings.seed)
-        self._pending.append(_PendingFrame(number, stamp, ids[chosen], pixels[chosen]))
+        chosen = chosen_tracks(ids, self._settings.feature_fraction, self._settings.seed)
+        frame = ids[chosen], pixels[chosen]
+        for number, entered, content in self._passes.enter(Stream.FEATURES, stamp, frame):
+            if self._weight < self._settings.max_pending:
+                self._pending.append(_PendingFrame(number, entered, *content))
+                self._weight += self._pending[-1].weight
+            else:
+                self.refused.add(Stream.FEATURES, Refusal.QUEUE_FULL, entered)
         return self._advance()
 
     def landmarks(self) -> LandmarkMap:
@@ -242,6 +272,18 @@ class Slam:
         """Return the exact map where the session records, and else the one that stands."""
         return self.landmarks() if self._tape is None else self.smoothed().landmarks
 
+    def verdict(self) -> Judgement | None:
+        """Judge the steps since the estimate began; None where there is none yet."""
+        return None if self._verdict is None else self._verdict.judged(self._predicted_until())
+
+    def present_verdict(self) -> Judgement | None:
+        """Judge what is wrong at present, in the last half minute."""
+        return None if self._verdict is None else self._verdict.present(self._predicted_until())
+
+    def _predicted_until(self) -> int | None:
+        path = self._paths.get(self._pass)
+        return None if path is None else path.end
+
     def _advance(self) -> list[SlamStep]:
         """Take every waiting frame whose motion is known by now."""
         steps: list[SlamStep] = []
@@ -251,20 +293,24 @@ class Slam:
             pass_is_over = self._passes.number(Stream.PREDICTION) > frame.pass_number
             covered = path is not None and path.reaches(frame.stamp)
             if covered and path is not None and not path.begins_after(frame.stamp):
-                self._pending.popleft()
-                steps.append(self._step(frame, path, self._camera))
+                self._take()
+                steps.append(self._step(frame, path))
             elif covered or pass_is_over:
                 # No prediction that is still to come can tell where this frame was taken.
-                self._pending.popleft()
+                self._take()
                 self.refused.add(Stream.FEATURES, Refusal.NO_PREDICTION, frame.stamp)
             else:
                 break
         return steps
 
-    def _step(self, frame: _PendingFrame, path: PredictedPath, camera: StereoCamera) -> SlamStep:
+    def _take(self) -> None:
+        """Take the first frame out of those that wait."""
+        self._weight -= self._pending.popleft().weight
+
+    def _step(self, frame: _PendingFrame, path: PredictedPath) -> SlamStep:
         begin = time.perf_counter()
         if frame.pass_number != self._pass:
-            self._keep_map()
+            self._keep_pass()
             self._paths = {n: p for n, p in self._paths.items() if n >= frame.pass_number}
             self._begin_pass(frame.pass_number)
             self.resets += 1
@@ -273,15 +319,24 @@ class Slam:
         else:
             increment = path.increment(self._last_stamp, frame.stamp)
         first = self._estimator is None
-        if self._estimator is None:
-            self._estimator = self._new_estimator(camera)
+        if self._estimator is None or self._verdict is None:
+            assert self._camera is not None
+            self._camera_in_use = self._camera
+            self._estimator = self._new_estimator(self._camera)
+            self._verdict = Verdict(self._camera)
         tracked = self._tracks.observe(
-            frame.ids, frame.pixels, lambda: self._motion_expected(camera, increment)
+            frame.ids,
+            frame.pixels,
+            lambda: self._motion_expected(increment),
+            missed=self._frames_missed(increment),
         )
         outcome = self._estimator.step(increment, tracked)
         if self._given_map is None:
             # What contradicts a wrong estimate can mend it.
             self._tracks.restart(outcome.rejected, rest=outcome.agrees_with_most)
+        self._verdict.add(
+            frame.stamp, frame.ids, frame.pixels, increment, outcome, frozen=tracked.frozen
+        )
         if self._record:
             self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp
@@ -301,6 +356,7 @@ class Slam:
             nis_dof=outcome.nis_dof,
             tracks=self._tracks.ids_seen,
             first_of_pass=first,
+            left_out=tracked.left_out,
             position=T[:3, 3].copy(),
             quaternion=se3.quaternion_from_rotation(T[:3, :3]),
             covariance=self._estimator.pose_covariance,
@@ -318,23 +374,19 @@ class Slam:
         )
         return self._registration.made(self._settings, given)
 
-    def _motion_expected(self, camera: StereoCamera, increment: Increment) -> bool:
+    def _frames_missed(self, increment: Increment) -> int:
+        """Frames that are missing before the one at the end of an increment."""
+        if not increment.duration:
+            return 0
+        self._frame_rate.add(increment.duration)
+        return self._frame_rate.missed(increment.duration)
+
+    def _motion_expected(self, increment: Increment) -> bool:
         """Tell whether the predicted motion moves the last frame's pixels noticeably."""
-        pixels = self._tracks.last_pixels().astype(float)
-        if not len(pixels):
+        pixels, camera = self._tracks.last_pixels().astype(float), self._camera_in_use
+        if not len(pixels) or camera is None:
             return False
         y = pixels[:, [0, 2, 1]]
         T_new_old = camera.T_camera_body @ se3.inverse(increment.T) @ camera.T_body_camera
         flow = np.linalg.norm(camera.warp(y, T_new_old) - y, axis=1)
         return float(np.median(flow)) > self._settings.frozen_motion
-
-
-def _chosen(ids: NDArray[np.uint32], fraction: float, seed: int) -> NDArray[np.bool_]:
-    """Choose a share of the tracks, each by its id and the seed alone (SplitMix64's mixing)."""
-    if fraction >= 1.0:
-        return np.ones(len(ids), dtype=bool)
-    mixed = ids.astype(np.uint64) + np.uint64(seed * 0x9E3779B97F4A7C15 % 2**64)
-    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
-        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
-    mixed ^= mixed >> np.uint64(31)
-    return mixed < np.uint64(min(fraction * 2.0**64, 2.0**64 - 2**11))

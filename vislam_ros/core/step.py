@@ -39,7 +39,7 @@ class SlamStep:
     Attributes
     ----------
     stamp : int
-        And all other numbers down to ``first_of_pass``: see their declarations.
+        And all other numbers down to ``left_out``: see their declarations.
     position, quaternion : ndarray, (3,), (4,)
         Body in the map, metres; x, y, z, w.
     covariance : ndarray, (6, 6)
@@ -68,6 +68,7 @@ class SlamStep:
     ms: Annotated[float, Meaning("time that the step took", "ms")]
     tracks: Annotated[int, Meaning("different ids so far")]
     first_of_pass: Annotated[bool, Meaning("whether the estimate began with this step")]
+    left_out: Annotated[int, Meaning("new tracks that `max_active` had no room for")]
     position: Array
     quaternion: Array
     covariance: Array
@@ -115,6 +116,7 @@ class StepTotals:
     rejected: int = 0
     nis: float = 0.0
     nis_dof: int = 0
+    left_out: int = 0
     ms: "array[float]" = field(default_factory=lambda: array("d"))
 
     @classmethod
@@ -128,6 +130,7 @@ class StepTotals:
             rejected=int(np.sum(table["rejected"])),
             nis=float(np.sum(table["nis"])),
             nis_dof=int(np.sum(table["nis_dof"])),
+            left_out=int(np.sum(table.get("left_out", 0))),
             ms=array("d", table["ms"].tolist()),
         )
 
@@ -140,6 +143,7 @@ class StepTotals:
         self.rejected += int(row["rejected"])
         self.nis += row["nis"]
         self.nis_dof += int(row["nis_dof"])
+        self.left_out += int(row["left_out"])
         self.ms.append(row["ms"])
 
     @property

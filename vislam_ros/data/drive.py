@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.ranges import GAP, PIXEL, TURN_RATE, VELOCITY
 from vislam_ros.core.tracking.refusals import RefusalCounts
-from vislam_ros.data.trajectory import Trajectory, nanoseconds
+from vislam_ros.data.trajectory import LATEST_SECOND, NANOSECONDS, Trajectory, nanoseconds
 from vislam_ros.errors import VislamError
 
-_LATEST_SECOND = 9.2e9  # of 64-bit nanoseconds
 # A sensor's samples are as far apart as this, and those of whoever took the unit wrong are not: at
 # 10 Hz milliseconds are a hundred seconds apart, or a hundred nanoseconds [ns].
 _SHORTEST_STEP, _LONGEST_STEP = 500_000, 5_000_000_000
@@ -117,6 +117,8 @@ class Drive:
         if not np.all(np.isfinite(motion)):
             k = int(np.argmin(np.isfinite(motion).all(axis=1)))
             raise VislamError(f"twists[{k}]: {motion[k].tolist()} is not finite")
+        VELOCITY.require(motion[:, :3], "twists")
+        TURN_RATE.require(motion[:, 3:], "twists")
         for what, frames in (("ids", ids), ("pixels", pixels)):
             if len(frames) != len(feature_stamps):
                 raise VislamError(f"{what}: {len(frames)} frames for {len(feature_stamps)} stamps")
@@ -172,7 +174,7 @@ def _stamps(what: str, stamps: ArrayLike) -> NDArray[np.int64]:
     if given.ndim != 1 or not len(given) or given.dtype.kind not in "iuf":
         raise VislamError(f"{what}: have shape {given.shape} of {given.dtype}, not (n,) numbers")
     are_seconds = given.dtype.kind == "f"
-    if are_seconds and not (np.isfinite(given).all() and given.max() < _LATEST_SECOND):
+    if are_seconds and not (np.isfinite(given).all() and given.max() < LATEST_SECOND):
         raise VislamError(f"{what}: {given.max()} is no time in seconds, which floats are")
     result = nanoseconds(given.astype(float)) if are_seconds else given.astype(np.int64)
     steps = np.diff(result)
@@ -185,6 +187,7 @@ def _stamps(what: str, stamps: ArrayLike) -> NDArray[np.int64]:
             f"{what}: are {np.median(np.diff(given)):g} {unit} apart, which no sensor is: floats "
             f"are seconds and integers nanoseconds; are these meant to be {other}?"
         )
+    GAP.require(steps / NANOSECONDS, what)
     return result
 
 
@@ -211,4 +214,5 @@ def _frame(
     if not np.all(np.isfinite(seen)):
         track = given[np.argmin(np.isfinite(seen).all(axis=1))]
         raise VislamError(f"frame {k}: a pixel of track {track} is not finite")
+    PIXEL.require(seen, f"frame {k}")
     return result, seen[order]

@@ -19,6 +19,7 @@ from vislam_ros.core.slam import Slam
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive
 from vislam_ros.core.step import KINDS, Row, SlamStep
 from vislam_ros.core.tracking.refusals import RefusalCounts
+from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.results.completeness import shortfall
 from vislam_ros.data.results.summary import RunSummary, peak_rss_mb
@@ -44,6 +45,8 @@ class Solution:
         As in ``summary.json``.
     refused : RefusalCounts
         Messages that the drive's reader and the estimators refused.
+    verdict : Judgement or None
+        Whether the estimate can be trusted, and why not; None where there is no step.
     smoothed : Trajectory or None
         Of the steps since the estimate last began anew, where it was asked for, with covariances.
     """
@@ -54,6 +57,7 @@ class Solution:
     steps: Mapping[str, NDArray[Any]]
     summary: dict[str, Any]
     refused: RefusalCounts
+    verdict: Judgement | None = None
     smoothed: Trajectory | None = None
 
 
@@ -82,7 +86,7 @@ def feed(
     Yields
     ------
     prediction : Prediction or None
-        What a twist made; None after features, and after a twist that was refused.
+        What a twist made; None after features.
     steps : list of SlamStep
         The steps that became ready.
     """
@@ -93,14 +97,10 @@ def feed(
         if k >= 0:
             yield None, slam.add_features(int(drive.feature_stamps[k]), *drive.frame(k))
             continue
-        prediction = reckoning.add_twist(int(drive.twist_stamps[place]), drive.twists[place])
-        if prediction is None:
-            yield None, []
-        else:
-            yield (
-                prediction,
-                slam.add_prediction(prediction.stamp, prediction.position, prediction.quaternion),
-            )
+        twist = int(drive.twist_stamps[place]), drive.twists[place]
+        for prediction in reckoning.add_twist(*twist):
+            pose = prediction.stamp, prediction.position, prediction.quaternion
+            yield prediction, slam.add_prediction(*pose)
 
 
 def solve(
@@ -164,15 +164,18 @@ def solve(
                 summary.add_step(rows[-1])
                 if on_step:
                     on_step(step)
-        slam.refuse_waiting()
+        verdict = slam.verdict()
         smoothed = slam.smoothed() if smooth else None
         landmarks = slam.landmarks() if smoothed is None else smoothed.landmarks
     refused = RefusalCounts()
-    for counts in (drive.refused, reckoning.refused, slam.refused):
-        refused.merge(counts)
+    refused.merge(drive.refused)
+    for part in (reckoning, slam):
+        refused.merge(part.refused)
+        refused.merge(part.refused_if_over)
     summary.landmarks, summary.tracks = len(landmarks), len(np.unique(landmarks.ids))
     summary.set_refused(refused)
     summary.resets = slam.resets
+    summary.verdict = verdict
     summary.peak_rss_mb = peak_rss_mb()
     reason = shortfall(len(steps), summary.refused, summary.refused_first)
     summary.complete, summary.incomplete_reason = reason is None, reason
@@ -183,6 +186,7 @@ def solve(
         steps=_table(rows),
         summary=summary.as_dict(),
         refused=refused,
+        verdict=verdict,
         smoothed=None if smoothed is None else smoothed_trajectory(smoothed),
     )
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trajectories and the TUM file: eight columns ``t x y z qx qy qz qw``, as evo reads them."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
+from vislam_ros.core.ranges import LARGEST_POSITION
+from vislam_ros.data.files.inputs import read_lines
 from vislam_ros.errors import VislamError
 
 NANOSECONDS = 1_000_000_000
 
+#: The year 2261, where 64-bit nanoseconds end.
+LATEST_SECOND = 9_200_000_000
+
+# A quaternion is of length 1, but for how it was rounded or scaled.
+_SHORTEST_QUATERNION = 1e-3
 # A body that moves by no more than this in a step stands, metres.
 _STANDING = 0.02
 
@@ -81,7 +89,15 @@ def stamp_text(stamp: int) -> str:
 
 
 def stamp_from_text(text: str) -> int:
-    """Nanoseconds of a decimal number of seconds, exactly to the ninth decimal."""
+    """Nanoseconds of a decimal number of seconds, exactly to the ninth decimal.
+
+    Raises
+    ------
+    ValueError
+        Where it is no number, or no time in seconds.
+    """
+    if not abs(float(text)) <= LATEST_SECOND:
+        raise ValueError(f"{text} is no time in seconds")
     whole, _, fraction = text.partition(".")
     if not (whole.isdigit() and (fraction.isdigit() or not fraction)):
         return round(float(text) * NANOSECONDS)
@@ -119,32 +135,24 @@ def read_tum(path: Path | str) -> Trajectory:
         stamps do not increase.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="ascii")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not a text file"
-        raise VislamError(f"{path}: cannot read this trajectory: {reason}") from error
-    return parse_tum(text, path)
+    return parse_tum(((n, line) for n, line, _ in read_lines(path, "this trajectory")), path)
 
 
-def parse_tum(text: str, path: Path) -> Trajectory:
-    """Trajectory of a TUM file's text; ``path`` is what errors name (see :func:`read_tum`)."""
+def parse_tum(lines: Iterable[tuple[int, str]], path: Path) -> Trajectory:
+    """Trajectory of a TUM file's numbered lines; errors name ``path`` (see :func:`read_tum`)."""
     stamps: list[int] = []
     rows: list[list[float]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in lines:
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         fields = line.split()
         try:
-            if len(fields) != 8:
-                raise ValueError
-            stamp, row = stamp_from_text(fields[0]), [float(field) for field in fields[1:]]
-            if not np.all(np.isfinite(row)) or not any(row[3:]):
-                raise ValueError
-        except (ValueError, OverflowError):
+            stamp, row = _parsed_line(fields)
+        except ValueError:
             raise VislamError(
                 f"{path}: line {number} is {line!r}: a TUM line holds eight finite numbers, "
-                "t x y z qx qy qz qw"
+                f"t x y z qx qy qz qw: seconds from 0 to {LATEST_SECOND:g}, metres up to "
+                f"{LARGEST_POSITION:g} and a quaternion"
             ) from None
         if stamps and stamp <= stamps[-1]:
             raise VislamError(
@@ -157,3 +165,17 @@ def parse_tum(text: str, path: Path) -> Trajectory:
         raise VislamError(f"{path}: holds no pose: a TUM file has lines t x y z qx qy qz qw")
     values = np.array(rows)
     return Trajectory(np.array(stamps, dtype=np.int64), values[:, :3], values[:, 3:])
+
+
+def _parsed_line(fields: list[str]) -> tuple[int, list[float]]:
+    """Stamp (ns), position and quaternion; a ValueError where they are none."""
+    if len(fields) != 8:
+        raise ValueError
+    stamp, row = stamp_from_text(fields[0]), [float(field) for field in fields[1:]]
+    length = math.hypot(*row[3:])
+    # Comparisons with NaN are false.
+    if not (stamp >= 0 and all(abs(x) <= LARGEST_POSITION for x in row[:3])):
+        raise ValueError
+    if not _SHORTEST_QUATERNION <= length <= 1 / _SHORTEST_QUATERNION:
+        raise ValueError
+    return stamp, row

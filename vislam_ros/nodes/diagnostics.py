@@ -47,6 +47,8 @@ class Monitor:
     node : Node
     describe : callable
         Gives, for the next report, what the node is doing in a few words and its own values.
+    warn : callable, optional
+        Tells what is wrong with that, if anything is.
 
     Attributes
     ----------
@@ -54,13 +56,20 @@ class Monitor:
         Messages that were not used.
     """
 
-    def __init__(self, node: Node, describe: Callable[[], tuple[str, Mapping[str, object]]]):
+    def __init__(
+        self,
+        node: Node,
+        describe: Callable[[], tuple[str, Mapping[str, object]]],
+        warn: Callable[[], str | None] = lambda: None,
+    ):
         self._node = node
         self._describe = describe
+        self._warn = warn
         self._callbacks: dict[str, Callable[..., None]] = {}
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
         self._absorbed: dict[str, Counter[str]] = {}
+        self._warnings: list[str] = []
         self._last_report = time.monotonic()
         self._last_received = self._received.copy()
         self._last_refused = 0
@@ -182,6 +191,10 @@ class Monitor:
         counts.add(stream, refusal, stamp)
         self._merge(counts, detail)
 
+    def warn(self, text: str) -> None:
+        """Make the next report a warning that says this."""
+        self._warnings.append(text)
+
     def absorb(self, source: str, refused: RefusalCounts) -> None:
         """Take over what a part of the core, known by a name, has counted since the last call."""
         absorbed = self._absorbed.setdefault(source, Counter())
@@ -248,11 +261,15 @@ class Monitor:
         status = conversions.status(self._node.get_fully_qualified_name(), values)
         total = self.refused.counts.total()
         newly_refused = total - self._last_refused
-        warnings = [f"cannot hear {publisher}" for publisher in self._unheard]
+        if warning := self._warn():
+            self.warn(warning)
+        for publisher in self._unheard:
+            self.warn(f"cannot hear {publisher}")
         if newly_refused:
-            warnings.append(f"{newly_refused} message(s) refused")
-        status.level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
-        status.message = "; ".join([message, *warnings])
+            self.warn(f"{newly_refused} message(s) refused")
+        status.level = DiagnosticStatus.WARN if self._warnings else DiagnosticStatus.OK
+        status.message = "; ".join([message, *self._warnings])
+        self._warnings = []
         stamp = self._node.get_clock().now().to_msg()
         self.publish(self._publisher, conversions.status_array(stamp, [status]))
         self._last_report, self._last_refused = now, total
@@ -265,6 +282,14 @@ def _decoded(topic: Topic, data: bytes) -> Any:
         return deserialize_message(data, message_class(topic.msgtype))
     except Exception as error:  # rclpy has a class of its own for each way to fail
         raise RefusedMessage(Refusal.UNDECODABLE) from error
+
+
+def values_if_over(over: RefusalCounts) -> dict[str, object]:
+    """Values of a report on what will be refused if nothing more comes."""
+    first_stamps = over.first_stamps.items()
+    return {f"at end refused {word}": n for word, n in over.counts.items()} | {
+        f"at end first {word} [s]": stamp_text(stamp) for word, stamp in first_stamps
+    }
 
 
 def stamp_age(node: Node, stamp: int) -> float:

@@ -15,16 +15,19 @@ from vislam_ros.core.filters.dead_reckoning import DeadReckoning, Prediction
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.core.tracking.refusals import Refusal, Stream
 from vislam_ros.core.tracking.stamp_pairs import StampPairs
+from vislam_ros.core.tracking.time_order import Passes
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import IMU, PREDICTION, TWIST, Frames
 from vislam_ros.nodes import conversions
-from vislam_ros.nodes.diagnostics import Monitor, stamp_age
+from vislam_ros.nodes.diagnostics import Monitor, stamp_age, values_if_over
 from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
 from vislam_ros.nodes.settings import PredictionNodeSettings
 from vislam_ros.nodes.spin import run
 from vislam_ros.nodes.tf import TransformSender
 
 Array = NDArray[np.float64]
+
+_PAIRED = (Stream.TWIST, Stream.IMU)
 
 
 class ImuPredictionNode(Node):
@@ -33,8 +36,11 @@ class ImuPredictionNode(Node):
     def __init__(self, **options: Any):
         super().__init__("imu_prediction_node", **options)
         self._settings = declare_settings(self, PredictionNodeSettings)
-        self.core = DeadReckoning(declare_settings(self, PredictionSettings))
+        prediction_settings = declare_settings(self, PredictionSettings)
+        self.core = DeadReckoning(prediction_settings)
         self._frames = Frames(odom=self._settings.odom_frame, base=self._settings.base_frame)
+        time_jumps = dict.fromkeys(_PAIRED, prediction_settings.time_jump)
+        self._passes = Passes(time_jumps, self._refuse)
         self._pairs = StampPairs(self._refuse_unpaired)
         self._latest: Prediction | None = None
         self._published = 0
@@ -50,29 +56,34 @@ class ImuPredictionNode(Node):
         """Predict, at once or when the angular velocity of this stamp is here."""
         stamp, twist = decoding.twist(message, self._frames)
         if self._settings.angular_velocity_source == "imu":
-            self._predict_pair(stamp, self._pairs.add(0, stamp, twist))
+            self._pair(Stream.TWIST, stamp, twist)
         else:
             self._predict(stamp, twist)
 
     def on_imu(self, message: Imu) -> None:
         """Predict if the twist of this stamp is here."""
         stamp, omega = decoding.angular_velocity(message, self._frames)
-        self._predict_pair(stamp, self._pairs.add(1, stamp, omega))
+        self._pair(Stream.IMU, stamp, omega)
 
-    def _predict_pair(self, stamp: int, pair: tuple[Array, Array] | None) -> None:
-        if pair is not None:
-            twist, omega = pair
-            self._predict(stamp, np.concatenate([twist[:3], omega]))
+    def _pair(self, stream: Stream, stamp: int, values: Array) -> None:
+        for _, believed, its_values in self._passes.enter(stream, stamp, values):
+            if pair := self._pairs.add(_PAIRED.index(stream), believed, its_values):
+                twist, omega = pair
+                self._predict(believed, np.concatenate([twist[:3], omega]))
 
     def _refuse_unpaired(self, stream: int, stamp: int) -> None:
-        streams = (Stream.TWIST, Stream.IMU)
-        self.monitor.refuse(Refusal.UNPAIRED, stream=streams[stream], stamp=stamp)
+        self._refuse(_PAIRED[stream], Refusal.UNPAIRED, stamp)
+
+    def _refuse(self, stream: Stream, refusal: Refusal, stamp: int) -> None:
+        self.monitor.refuse(refusal, stream=stream, stamp=stamp)
 
     def _predict(self, stamp: int, twist: Array) -> None:
-        prediction = self.core.add_twist(stamp, twist)
+        predictions = self.core.add_twist(stamp, twist)
         self.monitor.absorb("core", self.core.refused)
-        if prediction is None:
-            return
+        for prediction in predictions:
+            self._publish(prediction)
+
+    def _publish(self, prediction: Prediction) -> None:
         self._latest = prediction
         self._published += 1
         odometry = conversions.odometry(
@@ -91,10 +102,13 @@ class ImuPredictionNode(Node):
 
     def _describe(self) -> tuple[str, dict[str, object]]:
         latest = self._latest
+        over = self._passes.refused_if_over()
+        over.merge(self.core.refused_if_over)
         if latest is None:
-            return f"waiting for {TWIST.name}", {}
+            return f"waiting for {TWIST.name}", values_if_over(over)
         position_std = float(np.sqrt(np.trace(latest.covariance[:3, :3])))
         return "running", {
+            **values_if_over(over),
             "stamp age [s]": stamp_age(self, latest.stamp),
             "predictions": self._published,
             "resets": self.core.resets,

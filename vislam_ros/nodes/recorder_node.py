@@ -51,7 +51,12 @@ from vislam_ros.nodes.recorder.ending import Ending
 from vislam_ros.nodes.recorder.map_request import MapRequest
 from vislam_ros.nodes.recorder.parameter_query import ParameterQuery
 from vislam_ros.nodes.settings import RecorderSettings
-from vislam_ros.nodes.slam_report import row_from_values
+from vislam_ros.nodes.slam_report import (
+    PRESENT,
+    PREVIOUS,
+    row_from_values,
+    verdict_from_values,
+)
 from vislam_ros.nodes.spin import run
 from vislam_ros.nodes.steady import steady_timer
 
@@ -198,6 +203,9 @@ class RecorderNode(Node):
                 self.recording.set_process(
                     peak_rss_mb=float(values["peak memory [MB]"]), resets=int(values["resets"])
                 )
+                for which in (PREVIOUS, PRESENT):
+                    if (judgement := verdict_from_values(values, which)) is not None:
+                        self.recording.set_verdict(judgement)
             if self._ledger.set_report(node, NodeReport.of_values(values)):
                 self._last_progress = time.monotonic()
             self.recording.set_refused(*self._ledger.refused(at_end=False))

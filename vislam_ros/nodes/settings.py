@@ -7,7 +7,7 @@ Nothing here needs ROS, so the command line can read the same parameter files.
 
 from dataclasses import dataclass
 
-from vislam_ros.core.settings import setting
+from vislam_ros.core.settings import LONGEST_TIME, setting
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ class SlamOutputSettings:
         "Publish slam/landmarks and slam/path at most once in this much data time, and no "
         "oftener by the clock; 0 publishes landmarks on request only [s]",
         minimum=0.0,
+        maximum=LONGEST_TIME,
     )
 
 

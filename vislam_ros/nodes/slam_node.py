@@ -24,7 +24,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import SlamStep
 from vislam_ros.data.bags import decoding, layout
-from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration, differences
 from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import VislamError
@@ -70,7 +70,7 @@ class SlamNode(Node):
         self._published_stamp: int | None = None
         self._path: deque[Any] = deque(maxlen=self._output.path_length)
         self._report = SlamReport(self, self.core)
-        self.monitor = Monitor(self, self._describe)
+        self.monitor = Monitor(self, self._describe, self._report.warning)
         self._tf = TransformSender(self, self.monitor)
         self._odometry = self.monitor.advertise(layout.ODOMETRY)
         self._steps = self.monitor.advertise(layout.STEPS)
@@ -87,9 +87,16 @@ class SlamNode(Node):
 
     def on_calibration(self, topic: Topic, message: CameraInfo | TransformStamped) -> None:
         """Take a camera info or the extrinsics."""
+        before = self._calibration.camera
         camera = self._calibration.add(topic, message)
-        if camera is not None:
-            self._publish(self.core.set_camera(camera))
+        if camera is None:
+            return
+        if before is not None:
+            when = "the next pass or reset" if self.core.has_begun else "the first frame"
+            self.get_logger().warning(
+                f"the calibration changed ({differences(before, camera)}): it holds from {when} on"
+            )
+        self._publish(self.core.set_camera(camera))
 
     def on_prediction(self, message: Odometry) -> None:
         """Take a predicted pose."""
@@ -113,7 +120,9 @@ class SlamNode(Node):
             self._received_at.clear()
 
     def _begin_pass(self) -> None:
-        """Publish the map that the last pass ended with; a recorder may want it."""
+        """Publish the verdict and the map that the last pass ended with, for a recorder."""
+        if self._last_stamp is not None:
+            self.monitor.report()
         if self._last_stamp is not None and self.core.previous_map is not None:
             self._publish_landmarks(self._last_stamp, self.core.previous_map)
         self._landmarks_published = None
@@ -229,6 +238,8 @@ class SlamNode(Node):
             activity = "waiting for features and predictions"
         else:
             activity = "running"
+        if left_out := self._report.recently_left_out:
+            self.monitor.warn(f"{left_out} observations left out by max_active")
         return activity, self._report.values()
 
 

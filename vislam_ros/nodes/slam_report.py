@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What slam_node says of its steps: each on ``slam/steps``, all since the last on /diagnostics."""
 
+import itertools
 from collections.abc import Mapping
 
 from rclpy.node import Node
@@ -9,12 +10,15 @@ from rclpy.node import Node
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import KINDS, Row, SlamStep, StepTotals
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
+from vislam_ros.core.verdict.reason import Judgement, Word
 from vislam_ros.data.results.summary import peak_rss_mb
-from vislam_ros.data.trajectory import stamp_text
-from vislam_ros.nodes.diagnostics import stamp_age
+from vislam_ros.nodes.diagnostics import stamp_age, values_if_over
 
 _LATENCY = "latency_ms"
 _NUMBER = "number"
+
+#: Verdicts on /diagnostics: on the steps so far, and on those before the estimate began anew.
+PRESENT, PREVIOUS = "verdict", "previous verdict"
 
 
 def step_values(row: Row, latency_ms: float, number: int) -> dict[str, object]:
@@ -55,6 +59,35 @@ def _number(kind: type, text: str) -> float:
     return text == "true" if kind is bool else kind(text)
 
 
+def verdict_values(judgement: Judgement, which: str = PRESENT) -> dict[str, object]:
+    """Values of a verdict on /diagnostics."""
+    reasons = {
+        f"{which} reason {number}": reason
+        for number, reason in enumerate(judgement.reasons, start=1)
+    }
+    return {which: judgement.word.value, f"{which} at [ns]": judgement.stamp, **reasons}
+
+
+def verdict_from_values(values: Mapping[str, str], which: str = PRESENT) -> Judgement | None:
+    """Inverse of :func:`verdict_values`; None where there is none.
+
+    Raises
+    ------
+    RefusedMessage
+        ``bad_fields``, where there is another word or no stamp.
+    """
+    if which not in values:
+        return None
+    try:
+        word, stamp = Word(values[which]), int(values[f"{which} at [ns]"])
+    except (KeyError, ValueError) as error:
+        raise RefusedMessage(Refusal.BAD_FIELDS, f"{which}: {error}") from error
+    numbers = itertools.takewhile(
+        lambda number: f"{which} reason {number}" in values, itertools.count(1)
+    )
+    return Judgement(stamp, word, tuple(values[f"{which} reason {n}"] for n in numbers))
+
+
 class SlamReport:
     """Gathers steps for /diagnostics."""
 
@@ -62,9 +95,10 @@ class SlamReport:
         self._node = node
         self._core = core
         self._total = 0
-        self._frozen = 0
+        self._frozen = self._left_out = 0
         self._recent = StepTotals()
         self._last: SlamStep | None = None
+        self._warned = False
 
     @property
     def steps(self) -> int:
@@ -75,8 +109,14 @@ class SlamReport:
         """Note a step and its numbers by column."""
         self._total += 1
         self._frozen += step.frozen
+        self._left_out += step.left_out
         self._recent.add(row)
         self._last = step
+
+    @property
+    def recently_left_out(self) -> int:
+        """Observations that there was no room for since the values were told last."""
+        return self._recent.left_out
 
     def values(self) -> dict[str, object]:
         """Values since the last call and in all."""
@@ -86,10 +126,9 @@ class SlamReport:
             "frozen steps": self._frozen,
             "resets": self._core.resets,
             "features waiting": len(self._core.waiting),
+            "left out": self._left_out,
         }
-        if self._core.waiting:
-            values["first waiting [s]"] = stamp_text(self._core.waiting[0])
-            values["waiting would be"] = self._core.waits_for.word
+        values.update(values_if_over(self._core.refused_if_over))
         if self._last is not None:
             values["stamp age [s]"] = stamp_age(self._node, self._last.stamp)
             values["active landmarks"] = self._last.active
@@ -103,4 +142,24 @@ class SlamReport:
             values["step mean [ms]"] = sum(recent.ms) / recent.steps
             values["step max [ms]"] = max(recent.ms)
         values["peak memory [MB]"] = peak_rss_mb() or 0.0
+        for which, judgement in (
+            (PREVIOUS, self._core.previous_verdict),
+            (PRESENT, self._core.verdict()),
+        ):
+            if judgement is not None:
+                values.update(verdict_values(judgement, which))
         return values
+
+    def warning(self) -> str | None:
+        """What is wrong at present, logged when it begins and when it ends."""
+        judgement = self._core.present_verdict()
+        if judgement is None or judgement.word is Word.GOOD:
+            if self._warned:
+                self._node.get_logger().info("all is well again")
+            self._warned = False
+            return None
+        warning = f"{judgement.word.value}: {judgement.reasons[0]}"
+        if not self._warned:
+            self._node.get_logger().warning(warning)
+        self._warned = True
+        return warning

@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import VislamError, one_line
 from vislam_ros.nodes.steady import steady_timer
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -88,7 +88,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         _spin(make_node(), told_at)
     except (VislamError, RuntimeError, ParameterException) as error:
         with suppress(OSError):  # nobody may be left to hear it
-            print(f"error: {_reason(error)}", file=sys.stderr)
+            print(f"error: {one_line(_reason(error))}", file=sys.stderr)
         return 1
     finally:
         try_shutdown()

@@ -12,10 +12,15 @@ from places import REPOSITORY, SHARED_CASES
 from rewriting import from_half_on_anew, rewritten, unchanged
 
 from vislam_ros.cli.main import main
-from vislam_ros.data.bags.layout import TWIST
+from vislam_ros.data.bags.layout import FEATURES, TWIST
 from vislam_ros.data.results.writer import pass_directories
 
 WAIT = 120.0
+
+SAME = (
+    *("steps", "complete", "incomplete_reason", "refused", "refused_first"),
+    *("verdict", "verdict_reasons"),
+)
 
 
 @pytest.fixture
@@ -60,7 +65,7 @@ def case(name):
 def assert_same_end(solved, ran):
     assert solved[:2] == ran[:2]
     for (one, trajectory), (other, other_trajectory) in zip(solved[2], ran[2], strict=True):
-        for name in ("steps", "complete", "incomplete_reason", "refused", "refused_first"):
+        for name in SAME:
             assert one[name] == other[name], name
         assert trajectory == other_trajectory
 
@@ -74,6 +79,15 @@ def test_a_last_frame_behind_the_last_twist_is_named_and_no_failure(both):
         "note: not used: 1 features_no_prediction (no predicted motion reaches its stamp, the "
         "first at 1700000005.905000095 s)"
     )
+
+
+def test_inverted_extrinsics_are_named_and_no_failure(both):
+    solved, ran = both(case("07_inverse_extrinsics"))
+    assert_same_end(solved, ran)
+    code, line, ((summary, _),) = solved
+    assert (code, line) == (0, "")
+    assert summary["verdict"] == "contradiction"
+    assert "T_body_camera inverted would fit" in summary["verdict_reasons"][0]
 
 
 def test_a_few_bad_messages_are_named_and_no_failure(both):
@@ -94,11 +108,24 @@ def test_a_shuffled_log_is_sorted_offline_and_told_of_live(both):
     assert live["steps"] == 60 - live["refused"]["features_late"] < 60
 
 
-def test_a_second_pass_is_waited_for_and_has_its_map(both, bag, tmp_path):
+def test_bad_stamps_are_counted_and_the_second_pass_is_clean_and_has_its_map(both, bag, tmp_path):
     (tmp_path / "bag").symlink_to(bag)
-    solved, ran = both(rewritten(tmp_path / "bag", from_half_on_anew(bag)))
-    assert_same_end(solved, ran)
-    assert (solved[0], solved[1], len(solved[2])) == (0, "", 2)
+    anew = from_half_on_anew(bag)
+
+    def change(topic, index, message):
+        message = anew(topic, index, message)
+        if (topic, index) in ((FEATURES.recorded, 11), (TWIST.recorded, 21)):
+            message.header.stamp.sec = 2**31 - 1 if topic == TWIST.recorded else 7
+        return message
+
+    solved, ran = both(rewritten(tmp_path / "bag", change))
+    assert solved[:2] == ran[:2]
+    assert (solved[0], [summary["steps"] for summary, _ in solved[2]]) == (0, [29, 30])
+    for (one, trajectory), (other, other_trajectory) in zip(solved[2], ran[2], strict=True):
+        assert (one["steps"], one["complete"]) == (other["steps"], other["complete"])
+        assert trajectory == other_trajectory
+    for _, _, (_, (last, _)) in (solved, ran):
+        assert last["refused"] == {"features_bad_stamp": 1, "twist_bad_stamp": 1}
     for command in ("solve", "run"):
         for folder in pass_directories(tmp_path / command):
             assert main(["verify", str(folder)]) == 0

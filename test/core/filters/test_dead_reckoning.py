@@ -11,8 +11,11 @@ from vislam_ros.core.settings import PredictionSettings
 SECOND = 1_000_000_000
 
 
-def test_the_first_twist_starts_at_the_identity():
-    first = DeadReckoning(PredictionSettings()).add_twist(5 * SECOND, [1, 0, 0, 0, 0, 1])
+def test_the_first_twist_starts_at_the_identity_and_comes_out_with_the_second():
+    reckoning = DeadReckoning(PredictionSettings())
+    assert reckoning.add_twist(5 * SECOND, [1, 0, 0, 0, 0, 1]) == []
+    first, second = reckoning.add_twist(6 * SECOND, [1, 0, 0, 0, 0, 1])
+    assert (first.stamp, second.stamp) == (5 * SECOND, 6 * SECOND)
     assert_allclose(first.position, 0)
     assert_allclose(first.quaternion, [0, 0, 0, 1])
     assert_allclose(first.covariance, 0)
@@ -21,14 +24,15 @@ def test_the_first_twist_starts_at_the_identity():
 def test_a_twist_holds_over_the_interval_that_ends_at_its_stamp():
     reckoning = DeadReckoning(PredictionSettings())
     reckoning.add_twist(0, [100, 0, 0, 0, 0, 0])
-    pose = reckoning.add_twist(SECOND // 2, [2, 0, 0, 0, 0, 0])
+    _, pose = reckoning.add_twist(SECOND // 2, [2, 0, 0, 0, 0, 0])
     assert_allclose(pose.position, [1, 0, 0])
 
 
 def test_a_constant_twist_drives_a_circle():
     reckoning = DeadReckoning(PredictionSettings())
     for k in range(101):
-        pose = reckoning.add_twist(k * SECOND // 100, [2 * np.pi, 0, 0, 0, 0, 2 * np.pi])
+        poses = reckoning.add_twist(k * SECOND // 100, [2 * np.pi, 0, 0, 0, 0, 2 * np.pi])
+    (pose,) = poses
     assert_allclose(pose.position, 0, atol=1e-12)
     assert_allclose(se3.rotation_from_quaternion(pose.quaternion), np.eye(3), atol=1e-12)
 
@@ -40,11 +44,12 @@ def test_covariance_is_that_of_a_monte_carlo():
     std = np.array([0.3] * 3 + [0.05] * 3)
     reckoning = DeadReckoning(settings)
     for k, twist in enumerate(twists):
-        pose = reckoning.add_twist(k * SECOND // 10, twist)
+        poses = reckoning.add_twist(k * SECOND // 10, twist)
     noisy = twists + std * rng.standard_normal((4000, *twists.shape))
     T = np.broadcast_to(np.eye(4), (4000, 4, 4))
     for k in range(1, len(twists)):
         T = T @ se3.exp(0.1 * noisy[:, k])
+    (pose,) = poses
     T_hat = se3.pose_matrix(pose.position, pose.quaternion)
     errors = se3.log(se3.inverse(T_hat) @ T)
     # The error of the estimate is on its right: T = T_hat Exp(xi), xi ~ N(0, Sigma).
@@ -56,7 +61,8 @@ def test_constant_process_noise_adds_the_same_to_each_step():
     settings = PredictionSettings(process_noise="constant", process_variance=1e-4)
     reckoning = DeadReckoning(settings)
     for k in range(4):
-        pose = reckoning.add_twist(k * SECOND, np.zeros(6))
+        poses = reckoning.add_twist(k * SECOND, np.zeros(6))
+    (pose,) = poses
     assert_allclose(pose.covariance, 3e-4 * np.eye(6))
 
 
@@ -75,9 +81,9 @@ def test_a_bad_twist_is_refused_and_changes_nothing(stamp, twist, reason):
     for reckoning in (refusing, plain):
         reckoning.add_twist(0, np.zeros(6))
         reckoning.add_twist(SECOND, [1, 0, 0, 0, 0, 0.1])
-    assert refusing.add_twist(stamp, twist) is None
+    assert refusing.add_twist(stamp, twist) == []
     assert refusing.refused.counts == {f"twist_{reason}": 1}
-    after = [r.add_twist(3 * SECOND, [1, 0, 0, 0, 0, 0.1]) for r in (refusing, plain)]
+    after = [r.add_twist(3 * SECOND, [1, 0, 0, 0, 0, 0.1])[-1] for r in (refusing, plain)]
     assert_allclose(after[0].position, after[1].position)
 
 
@@ -85,6 +91,37 @@ def test_time_jumping_back_begins_anew():
     reckoning = DeadReckoning(PredictionSettings(time_jump=1.0))
     for k in range(5):
         reckoning.add_twist(k * SECOND, [1, 0, 0, 0, 0, 0])
-    again = reckoning.add_twist(0, [1, 0, 0, 0, 0, 0])
+    assert reckoning.add_twist(0, [1, 0, 0, 0, 0, 0]) == []
+    again, _ = reckoning.add_twist(SECOND, [1, 0, 0, 0, 0, 0])
     assert_allclose(again.position, 0)
     assert reckoning.resets == 1
+
+
+def stamped(stamps):
+    """Predictions of twists that turn ever faster, at these stamps in seconds, and refusals."""
+    reckoning = DeadReckoning(PredictionSettings())
+    predictions = []
+    for k, seconds in enumerate(stamps):
+        if seconds is not None:
+            twist = [1, 0, 0, 0, 0, 0.1 * k]
+            predictions += reckoning.add_twist(round(seconds * SECOND), twist)
+    return predictions, reckoning
+
+
+@pytest.mark.parametrize("bad", [0.0, 18.9, -3600.0, 3600.0, 2**31 - 1])
+@pytest.mark.parametrize("place", [0, 1, 6])
+def test_a_bad_stamp_costs_its_twist_and_nothing_else(bad, place):
+    stamps = [20.0 + 0.1 * k for k in range(8)]
+    told, reckoning = stamped([*stamps[:place], bad, *stamps[place + 1 :]])
+    expected, _ = stamped([*stamps[:place], None, *stamps[place + 1 :]])
+    assert [p.position.tobytes() for p in told] == [p.position.tobytes() for p in expected]
+    assert [p.stamp for p in told] == [p.stamp for p in expected]
+    assert reckoning.refused.counts == {"twist_bad_stamp": 1}
+    assert reckoning.resets == 0
+
+
+def test_what_nothing_confirms_is_told_before_it_is_over():
+    _, reckoning = stamped([20.0, 20.1, 50.0])
+    assert not reckoning.refused.counts
+    assert reckoning.refused_if_over.counts == {"twist_bad_stamp": 1}
+    assert reckoning.refused_if_over.first_stamps == {"twist_bad_stamp": 50 * SECOND}

@@ -63,6 +63,7 @@ OTHER_VALUES: dict[str, Any] = {
     "prior_pose_variance": 0.01,
     "retire_after": 3,
     "rest_after_rejection": 0,
+    "max_active": 10,
     "track_continuity": False,
     "frozen_share": 1.0,
     "frozen_motion": 1e4,

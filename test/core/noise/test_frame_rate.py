@@ -40,3 +40,18 @@ def test_a_span_holds_a_frame_at_least_and_a_slow_camera_counts_as_one_of_a_hert
 
 def test_before_there_are_two_frames_the_rate_is_a_usual_one() -> None:
     assert FrameRate().hertz == 10
+
+
+@pytest.mark.parametrize("hertz", [0.2, 1, 9.65, 30])
+def test_a_step_over_a_hole_tells_how_many_frames_are_missing(hertz: float) -> None:
+    rate = after([1.0 / hertz] * 10)
+    assert [rate.missed(steps / hertz) for steps in (0.01, 0.9, 1.0, 1.4, 1.6, 2.0, 51)] == [
+        *(4 * [0]),
+        1,
+        1,
+        50,
+    ]
+
+
+def test_of_the_first_step_nobody_knows_whether_frames_are_missing() -> None:
+    assert after([5.0]).missed(5.0) == 0

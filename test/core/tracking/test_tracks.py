@@ -12,10 +12,10 @@ def frame_of(pixel_of_id):
     return ids, pixels.reshape(-1, 4)
 
 
-def observe(tracks, pixel_of_id, motion_expected=True):
+def observe(tracks, pixel_of_id, motion_expected=True, missed=0):
     """Return the frame and a dict from id to key."""
     ids, pixels = frame_of(pixel_of_id)
-    frame = tracks.observe(ids, pixels, lambda: motion_expected)
+    frame = tracks.observe(ids, pixels, lambda: motion_expected, missed)
     return frame, dict(
         zip(tracks.identity(frame.keys)[0].tolist(), frame.keys.tolist(), strict=True)
     )
@@ -160,6 +160,26 @@ def test_retire_after_bridges_short_gaps():
     assert observe(tracks, {1: 102, 2: 202})[1] == first
     observe(tracks, {1: 103})
     assert observe(tracks, {1: 104})[0].ended.tolist() == [first[2]]
+
+
+def test_no_track_outlasts_frames_that_are_missing(tracks):
+    _, first = observe(tracks, {1: 100, 2: 200})
+    frame, second = observe(tracks, {1: 101, 2: 200, 3: 300}, missed=1)
+    assert sorted(frame.ended.tolist()) == sorted(first.values())
+    assert not set(second.values()) & set(first.values())
+    assert not frame.frozen
+    assert tracks.identity(np.array([second[1]]))[1].tolist() == [1]
+
+
+def test_missing_frames_count_as_frames_without_an_observation():
+    tracks = Tracks(retire_after=3, frozen_share=0.5)
+    _, first = observe(tracks, {1: 100, 2: 200})
+    _, second = observe(tracks, {1: 101}, missed=1)
+    assert second[1] == first[1]
+    frame, third = observe(tracks, {1: 102, 2: 202}, missed=1)
+    assert third[1] == first[1]
+    assert third[2] != first[2]
+    assert frame.ended.tolist() == [first[2]]
 
 
 def test_pixels_of_before_a_gap_are_no_copies():

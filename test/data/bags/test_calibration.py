@@ -4,13 +4,14 @@
 
 import copy
 import itertools
+from dataclasses import replace
 
 import pytest
 from rewriting import STORE
 
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.bags.bag_messages import BagMessages
-from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration, differences
 from vislam_ros.data.bags.layout import DEFAULT_FRAMES, EXTRINSICS, LEFT_CAMERA, RIGHT_CAMERA
 
 
@@ -50,6 +51,13 @@ def test_a_message_that_says_the_same_again_changes_nothing(parts):
     for topic in CALIBRATION_TOPICS:
         calibration.add(topic, parts[topic])
     assert not any(calibration.add(topic, parts[topic]) for topic in CALIBRATION_TOPICS)
+
+
+def test_a_change_is_told_by_name_with_both_values(small_drive):
+    camera = small_drive.camera
+    assert differences(camera, replace(camera, cx=1.5, fx_baseline=2.5)) == (
+        f"cx: {camera.cx} to 1.5, fx_baseline: {camera.fx_baseline} to 2.5"
+    )
 
 
 @pytest.mark.parametrize("difference", [1e-9, 9e-4])

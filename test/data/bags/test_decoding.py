@@ -206,6 +206,11 @@ NAN = float("nan")
         (EXTRINSICS, put("child_frame_id", "cam"), Refusal.UNKNOWN_FRAME, "r camera_frame"),
         (RIGHT_CAMERA, put("p.0", 0.0), Refusal.NOT_A_PAIR, "no positive focal length"),
         (RIGHT_CAMERA, put("p.5", NAN), Refusal.NON_FINITE, "not finite"),
+        (TWIST, put("twist.twist.linear.y", 1e30), Refusal.ABSURD, "from -1000 to 1000"),
+        (IMU, put("angular_velocity.x", -1e200), Refusal.ABSURD, "from -1000 to 1000"),
+        (EXTRINSICS, put("transform.translation.z", 1e9), Refusal.ABSURD, "from -1000 to 1000"),
+        (RIGHT_CAMERA, put("p.0", 1e300), Refusal.ABSURD, "from 1 to 1e+06"),
+        (RIGHT_CAMERA, put("p.6", 1e300), Refusal.ABSURD, "from -1e+06 to 1e+06"),
     ],
 )
 def test_a_bad_message_is_refused_with_its_reason(first, topic, change, refusal, words):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
+from places import SHARED_CASES
 
 from vislam_ros.data.bags.integrity import require_intact, verify_bag
 from vislam_ros.data.bags.writer import write_bag
@@ -174,3 +175,13 @@ def test_what_is_no_bag_is_said_in_one_line(tmp_path: Path, kind: str) -> None:
         path.write_text("hello")
     with pytest.raises(VislamError, match=r"thing: (no such file|is not a bag)"):
         verify_bag(path)
+
+
+def test_a_topic_of_which_no_message_can_be_read_is_a_fault() -> None:
+    path = SHARED_CASES / "hostile" / "uint31.mcap"
+    if not path.exists():
+        pytest.skip(f"needs {path}")
+    faults = verify_bag(path).faults
+    assert len(faults) == 2
+    for fault, side in zip(faults, ("left", "right"), strict=True):
+        assert fault.startswith(f"no usable message on /stereo/{side}/camera_info: its bytes are")

@@ -15,7 +15,7 @@ from vislam_ros.data.drive import image_size_that_holds
 def stream(dense, *, fortran_order=False, chunk=7):
     flat = dense.reshape(-1, order="F" if fortran_order else "C")
     chunks = (flat[start : start + chunk] for start in range(0, len(flat), chunk))
-    return ArrayStream(dense.shape, fortran_order, chunks)
+    return ArrayStream(dense.shape, fortran_order, dense.dtype, dense.nbytes, "features", chunks)
 
 
 def by_loops(dense):

@@ -97,6 +97,9 @@ robot:
         ("n:\n  ros__parameters:\n    a: !!python/name:os.system x\n", ", line 3: a is "),
         ("n:\n  ros__parameters:\n    a: *missing\n", ", line 3: not YAML"),
         ("a: \x00\n", ": not YAML"),
+        ("n:\n  ros__parameters:\n    a: &x 1\n    b: *x\n", ", line 4: not YAML: an alias"),
+        ("n:\n  ros__parameters:\n    a: !!timestamp x\n", ", line 3: a is 'x'"),
+        ("n:\n  ros__parameters:\n    a: !!bool x\n", ", line 3: a is 'x'"),
     ],
 )
 def test_bad_files_are_refused_with_their_line(tmp_path: Path, text: str, message: str) -> None:
@@ -105,6 +108,17 @@ def test_bad_files_are_refused_with_their_line(tmp_path: Path, text: str, messag
         read_parameters(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("levels", "fits"), [(18, True), (19, False)])
+def test_nesting_has_an_end(tmp_path: Path, levels: int, fits: bool) -> None:
+    nested = "{a: " * (levels - 1) + "1" + "}" * (levels - 1)
+    path = written(tmp_path, f"n: {{ros__parameters: {nested}}}\n")
+    if fits:
+        assert list(read_parameters(path)["n"].values()) == [1]
+    else:
+        with pytest.raises(VislamError, match="line 1: not YAML: nested too deeply"):
+            read_parameters(path)
 
 
 def test_a_missing_or_binary_file_is_refused(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.files.whole_file import refuse_existing, replace_file, replace_files
 from vislam_ros.errors import VislamError
 
 
@@ -27,3 +27,17 @@ def test_an_existing_file_is_refused_without_force(tmp_path: Path) -> None:
     refuse_existing(path, force=True)
     with pytest.raises(VislamError, match=r"exists already.*--force"):
         refuse_existing(path, force=False)
+
+
+def test_of_several_files_none_is_written_where_one_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(VislamError, match="b: cannot write this file"):
+        replace_files({tmp_path / "a": b"1", tmp_path / "file" / "b": b"2"})
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_nothing_is_left_beside_a_file_that_could_not_be_put_in_place(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    with pytest.raises(VislamError, match="a: cannot write this file"):
+        replace_file(tmp_path / "a", b"1")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]

@@ -28,7 +28,8 @@ def slam_report(features=10, predictions=10, refused=None, waiting=0):
         refused=refused or {},
         first=dict.fromkeys(refused or {}, "1.5"),
         waiting=waiting,
-        first_waiting="9.9" if waiting else None,
+        refused_at_end={"features_no_prediction": waiting} if waiting else {},
+        first_at_end={"features_no_prediction": "9.9"} if waiting else {},
     )
 
 
@@ -114,12 +115,19 @@ def test_a_report_is_read_from_the_values_of_a_status():
             "refused twist_late": "2",
             "first twist_late [s]": "3.5",
             "features waiting": "4",
-            "first waiting [s]": "9.5",
+            "at end refused features_no_prediction": "4",
+            "at end first features_no_prediction [s]": "9.5",
             "predictions": "10",
         }
     )
     assert report == NodeReport(
-        {"imu/twist": 12}, {"twist_late": 2}, {"twist_late": "3.5"}, 4, "9.5", 10
+        received={"imu/twist": 12},
+        refused={"twist_late": 2},
+        first={"twist_late": "3.5"},
+        waiting=4,
+        refused_at_end={"features_no_prediction": 4},
+        first_at_end={"features_no_prediction": "9.5"},
+        predictions=10,
     )
 
 

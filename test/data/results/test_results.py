@@ -145,14 +145,11 @@ def test_rows_are_on_disk_at_once_and_the_rest_after_a_flush(run: Run, tmp_path:
 
 
 def test_a_run_that_breaks_off_says_so(run: Run, tmp_path: Path) -> None:
-    with suppress(RuntimeError), ResultWriter(tmp_path / "a") as writer:
+    with suppress(KeyboardInterrupt), ResultWriter(tmp_path / "a") as writer:
         run.write(writer)
-        raise RuntimeError("no memory")
+        raise KeyboardInterrupt
     summary = read_results(tmp_path / "a").summary
-    assert (summary["complete"], summary["incomplete_reason"]) == (
-        False,
-        "RuntimeError: no memory",
-    )
+    assert (summary["complete"], summary["incomplete_reason"]) == (False, "KeyboardInterrupt")
     with ResultWriter(tmp_path / "b") as writer:
         run.write(writer)
     assert read_results(tmp_path / "b").summary["complete"] is False
@@ -319,6 +316,21 @@ def test_a_damaged_row_is_named(run: Run, tmp_path: Path) -> None:
 def test_a_missing_directory_is_named(tmp_path: Path) -> None:
     with pytest.raises(VislamError, match="none: no such result directory"):
         read_results(tmp_path / "none")
+
+
+@pytest.mark.parametrize("there_before", [False, True])
+def test_a_run_that_fails_leaves_nothing_of_its_own(
+    run: Run, tmp_path: Path, there_before: bool
+) -> None:
+    directory = tmp_path / "deep" / "results"
+    if there_before:
+        directory.mkdir(parents=True)
+        (directory / "notes.txt").write_text("mine")
+    with suppress(RuntimeError), ResultWriter(directory, force=True) as writer:
+        run.write(writer)
+        raise RuntimeError("no memory")
+    left = sorted(path.name for path in tmp_path.rglob("*"))
+    assert left == (["deep", "notes.txt", "results"] if there_before else [])
 
 
 def test_a_full_disk_is_a_known_error(tmp_path: Path) -> None:

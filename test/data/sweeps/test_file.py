@@ -63,5 +63,5 @@ def test_equal_values_are_swept_once() -> None:
     ],
 )
 def test_a_wrong_file_is_refused_by_name(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(VislamError, match=rf"sweep\.yaml: .*{message}"):
+    with pytest.raises(VislamError, match=rf"sweep\.yaml.*: .*{message}"):
         read(tmp_path, text)

@@ -48,3 +48,15 @@ def test_across_an_outage_the_estimate_is_no_worse_than_what_is_left(drive: Driv
     assert {row.outage for row in rows} == set(tasks)
     assert all(row.holds for row in rows), [row.as_dict() for row in rows if not row.holds]
     assert max(row.nees_ratio for row in rows) < 3.0
+
+
+def test_what_dead_reckoning_across_a_hole_costs_the_whole_drive_stands_beside_it(
+    drive: Drive,
+) -> None:
+    reference = drive.ground_truth
+    assert reference is not None
+    outage = Outage("features", 0.4, 5.0)
+    settings = RobocentricSettings(), PredictionSettings()
+    (row,) = measure_outages(drive, reference, *settings, [outage])
+    assert row.beside_ate_ratio > 1.0
+    assert row.ate_ratio <= max(2.0, 1.3 * row.beside_ate_ratio)

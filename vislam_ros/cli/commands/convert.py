@@ -5,6 +5,7 @@
 import argparse
 
 from vislam_ros.cli.exit_codes import OK
+from vislam_ros.cli.lines import answer
 from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.conversion import convert
@@ -23,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=lambda share: update(share, ""),
         )
     print_notes(drive)
-    print(
+    answer(
         f"{arguments.output}: {drive.steps} feature frames, {len(drive.ids)} observations of "
         f"{drive.tracks} tracks, {len(drive.twist_stamps)} twists, {drive.duration:.1f} s"
     )

@@ -5,19 +5,24 @@
 import argparse
 
 from vislam_ros.cli.exit_codes import OK
-from vislam_ros.data.pictures.results import plot_results
+from vislam_ros.cli.lines import answer
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.data.trajectory import read_tum
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
+    results = read_results(arguments.directory)
+    reference = read_tum(arguments.reference) if arguments.reference else None
+    # It takes a second to import, which what cannot be read need not wait for.
+    from vislam_ros.data.pictures.results import plot_results
+
     pictures = plot_results(
-        read_results(arguments.directory),
-        read_tum(arguments.reference) if arguments.reference else None,
+        results,
+        reference,
         output=arguments.output,
         force=arguments.force,
     )
     for picture in pictures:
-        print(picture)
+        answer(str(picture))
     return OK

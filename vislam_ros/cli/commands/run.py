@@ -10,7 +10,6 @@ import argparse
 import json
 import os
 import signal
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -23,6 +22,7 @@ from typing import Any, NoReturn
 from vislam_ros.cli.domain import own_domain
 from vislam_ros.cli.ending import PassResults, print_passes, require_complete
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
+from vislam_ros.cli.lines import tell
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters, shared_file
 from vislam_ros.cli.played_bag import PlayedBag, renamed_topics
 from vislam_ros.cli.processes import Child, Children
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         passes = _end_summaries(results, started, arguments.data.stem, error)
     print_passes(passes)
     if isinstance(error, KeyboardInterrupt):
-        print(f"interrupted: what there is stands in {results}", file=sys.stderr)
+        tell(f"interrupted: what there is stands in {results}")
         return INTERRUPTED
     if error is not None:
         raise error
@@ -201,7 +201,7 @@ def _ros_environment(log_folder: Path) -> Iterator[dict[str, str]]:
 def _say_how_to_join(environment: Mapping[str, str]) -> None:
     names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
     settings = " ".join(f"{name}={environment[name]}" for name in names)
-    print(f"to join this run: {settings} ros2 topic list", file=sys.stderr)
+    tell(f"to join this run: {settings} ros2 topic list")
 
 
 @contextmanager
@@ -324,4 +324,4 @@ def _draw(directory: Path) -> None:
     try:
         plot_results(read_results(directory), force=True)
     except VislamError as error:
-        print(f"warning: no picture: {error}", file=sys.stderr)
+        tell(f"warning: no picture: {error}")

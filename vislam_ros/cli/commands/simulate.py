@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 
 from vislam_ros.cli.exit_codes import OK
+from vislam_ros.cli.lines import answer
 from vislam_ros.core.settings import settings_from_dict
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
@@ -23,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
     simulated = simulate(settings_from_dict(SimulationSettings, values), along)
     truth = write_simulated(arguments.output, simulated, force=arguments.force)
     drive = simulated.drive
-    print(
+    answer(
         f"{arguments.output}: {drive.steps} steps, {drive.tracks} tracks, "
         f"{int(simulated.frozen.sum())} frozen steps; truth in {truth}"
     )

@@ -54,6 +54,7 @@ def _finish(writer: ResultWriter, solution: Solution, refused: RefusalCounts) ->
     summary = writer.summary
     summary.set_refused(refused)
     summary.resets = solution.summary["resets"]
+    summary.verdict = solution.verdict
     summary.peak_rss_mb = peak_rss_mb()
     reason = shortfall(len(solution.trajectory), summary.refused, summary.refused_first)
     writer.finish(complete=reason is None, incomplete_reason=reason)

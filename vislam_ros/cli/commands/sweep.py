@@ -4,18 +4,17 @@
 
 import argparse
 import dataclasses
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import yaml
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from vislam_ros.cli.exit_codes import OK
+from vislam_ros.cli.lines import answer, tell
 from vislam_ros.cli.parameters import RunParameters, run_parameters
 from vislam_ros.cli.reading import read_input
 from vislam_ros.cli.screen import progress_bar
@@ -30,7 +29,7 @@ from vislam_ros.data.sweeps.sweeping import missing_runs, sweep
 from vislam_ros.data.sweeps.table import PointResult, known_figures, value_text
 from vislam_ros.data.sweeps.worker_pool import available_cores
 from vislam_ros.data.trajectory import read_tum
-from vislam_ros.errors import SettingsError, VislamError
+from vislam_ros.errors import SettingsError, VislamError, one_line
 
 _COLUMNS = {
     "ate_m": ("ATE [m]", "{:.3f}"),
@@ -53,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = run_parameters(arguments)
     plan = _plan(described, parameters)
     for note in plan.unused_notes():
-        print(f"warning: slam_node: {note}", file=sys.stderr)
+        tell(f"warning: slam_node: {note}")
     inputs = _inputs(arguments, described, parameters)
     with SweepLog(arguments.out, identity_of(inputs), force=arguments.force) as log:
         points = _sweep(arguments, plan, inputs, log)
@@ -90,8 +89,8 @@ def _described(arguments: argparse.Namespace) -> SweepFile:
 def _values(name: str, text: str) -> tuple[object, ...]:
     """Values of ``--set NAME=V1,V2``, each as a parameter file writes it."""
     try:
-        return swept_values(parse_yaml(f"[{text}]"))
-    except (yaml.YAMLError, ValueError, TypeError) as error:
+        return swept_values(parse_yaml(f"[{text}]", "--set"))
+    except (VislamError, TypeError) as error:
         raise VislamError(f"--set {name}={text}: these are no values with commas") from error
 
 
@@ -120,7 +119,7 @@ def _inputs(
     reference = read_tum(described.reference) if described.reference else None
     drive, *others = read_input(arguments, parameters.reading)
     if others:
-        print(f"note: only the first of {len(others) + 1} passes is solved", file=sys.stderr)
+        tell(f"note: only the first of {len(others) + 1} passes is solved")
     return SweepInputs(drive, reference or drive.ground_truth, given_map, arguments.smooth)
 
 
@@ -129,7 +128,7 @@ def _sweep(
 ) -> Sequence[PointResult]:
     total, done = len(plan.runs), len(plan.runs) - len(missing_runs(plan, log))
     if done:
-        print(f"{done} of {total} runs are done already", file=sys.stderr)
+        tell(f"{done} of {total} runs are done already")
     with progress_bar("sweeping", total) as update:
         update(done, f"{done} of {total}")
 
@@ -153,7 +152,7 @@ def _print_points(directory: Path, plan: SweepPlan, points: Sequence[PointResult
     """Print a line for each point; with several runs at one, their mean and deviation."""
     several = any(len(point.rows) > 1 for point in points)
     figures = [name for name in known_figures(points) if name in _COLUMNS]
-    table = Table(title=Text(str(directory)), title_justify="left")
+    table = Table(title=Text(one_line(str(directory))), title_justify="left")
     short = [name.partition(".")[2] for name in plan.axes]
     for name, setting in zip(plan.axes, short, strict=True):
         table.add_column(Text(setting if short.count(setting) == 1 else name), justify="right")
@@ -172,7 +171,7 @@ def _print_points(directory: Path, plan: SweepPlan, points: Sequence[PointResult
         console = Console(width=_FILE_WIDTH)
     if figures:
         console.print(table)
-    print(f"{directory / 'table.csv'}, sweep.png, {RUNS}")
+    answer(f"{directory / 'table.csv'}, sweep.png, {RUNS}")
 
 
 def _print_failures(points: Sequence[PointResult]) -> int:
@@ -182,7 +181,7 @@ def _print_failures(points: Sequence[PointResult]) -> int:
     for error, point in dict(reversed(failures)).items():
         settings = [f"{name} = {value_text(value)}" for name, value in point.point.items()]
         where = f", first at {', '.join(settings)}" if settings else ""
-        print(f"failed: {counts[error]} runs{where}: {error}", file=sys.stderr)
+        tell(f"failed: {counts[error]} runs{where}: {error}")
     return len(failures)
 
 

@@ -3,12 +3,14 @@
 """``vislam verify``: whether a bag or a result directory is whole."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from vislam_ros.cli.exit_codes import FAILED, OK
+from vislam_ros.cli.lines import answer, tell
+from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import verify_bag
+from vislam_ros.data.bags.reader import read_passes
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.errors import VislamError
 
@@ -20,15 +22,27 @@ def run(arguments: argparse.Namespace) -> int:
         faults, notes = _result_faults(path), []
     else:
         report = verify_bag(path)
-        faults, notes = list(report.faults), list(report.notes)
+        faults, notes = list(report.faults) or _reading_faults(arguments), list(report.notes)
     for note in notes:
-        print(f"note: {path}: {note}", file=sys.stderr)
+        tell(f"note: {path}: {note}")
     for fault in faults:
-        print(f"error: {path}: {fault}", file=sys.stderr)
+        tell(f"error: {path}: {fault}")
     if faults:
         return FAILED
-    print(f"{path}: whole")
+    answer(f"{path}: whole")
     return OK
+
+
+def _reading_faults(arguments: argparse.Namespace) -> list[str]:
+    """Why ``solve`` cannot read a bag that is not damaged, a line or none."""
+    path: Path = arguments.path
+    try:
+        read_passes(path, rules=run_parameters(arguments).reading)
+    except VislamError as error:
+        return [
+            f"is not damaged, but solve cannot read it: {str(error).removeprefix(f'{path}: ')}"
+        ]
+    return []
 
 
 def _result_faults(directory: Path) -> list[str]:

@@ -42,12 +42,17 @@ def add_plot(commands: Commands) -> None:
 
 def add_verify(commands: Commands) -> None:
     """Add the command that tells whether files are whole."""
-    add_command(
+    parser = add_command(
         commands,
         "verify",
-        "tell whether a bag or a result directory is whole",
+        "tell whether a bag or a result directory is whole, and solve can read it",
         """\
   vislam verify drive_bag
   vislam verify results
 """,
-    ).add_argument("path", metavar="BAG_OR_DIR", type=Path)
+    )
+    parser.add_argument("path", metavar="BAG_OR_DIR", type=Path)
+    parser.add_argument(
+        "--params", type=Path, metavar="FILE", help="what solve is to read the bag with"
+    )
+    parser.set_defaults(estimator=None, fraction=None, seed=None, map=None)

@@ -16,7 +16,7 @@ TWIST_ORIGINS = ("auto", "body", "imu")
 
 RETURNS = """\
 exit code: 0 on success, 1 on an error (one line on stderr; -v shows where it came from), 2 on
-wrong usage, 130 after Ctrl-C"""
+wrong usage, 130 after Ctrl-C, 141 where whoever reads the output has left"""
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 

@@ -22,7 +22,7 @@ from vislam_ros.core.tracking.refusals import (
     Stream,
     check_twist,
 )
-from vislam_ros.core.tracking.time_order import TimeOrder
+from vislam_ros.core.tracking.time_order import Passes
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 
 Array = NDArray[np.float64]
@@ -64,9 +64,10 @@ class DeadReckoning:
 
     def __init__(self, settings: PredictionSettings):
         self._settings = settings
-        self._order = TimeOrder(settings.time_jump)
         self.refused = RefusalCounts()
         self.resets = 0
+        self._passes = Passes({Stream.TWIST: settings.time_jump}, self.refused.add)
+        self._pass = 0
         self._start()
 
     def _start(self) -> None:
@@ -74,8 +75,8 @@ class DeadReckoning:
         self._T = np.eye(4)
         self._covariance = self._settings.prior_pose_variance * np.eye(6)
 
-    def add_twist(self, stamp: int, twist: ArrayLike) -> Prediction | None:
-        """Carry the pose to a stamp.
+    def add_twist(self, stamp: int, twist: ArrayLike) -> list[Prediction]:
+        """Carry the pose to a stamp, or to those that are believed with it.
 
         Parameters
         ----------
@@ -86,19 +87,31 @@ class DeadReckoning:
 
         Returns
         -------
-        Prediction or None
-            None where the twist is refused; ``refused`` counts why.
+        list of Prediction
+            None where the twist is refused, which ``refused`` counts, or held until the next one
+            confirms its stamp, as the first is; see :mod:`vislam_ros.core.tracking.time_order`.
         """
         twist = np.asarray(twist, dtype=float)
         try:
             check_twist(twist)
-            jumps = self._order.enter(stamp)
         except RefusedMessage as error:
             self.refused.add(Stream.TWIST, error.refusal, stamp)
-            return None
-        if jumps:
-            self._start()
-            self.resets += 1
+            return []
+        predictions = []
+        for number, believed, its_twist in self._passes.enter(Stream.TWIST, stamp, twist):
+            if number != self._pass:
+                self._pass = number
+                self._start()
+                self.resets += 1
+            predictions.append(self._predict(believed, its_twist))
+        return predictions
+
+    @property
+    def refused_if_over(self) -> RefusalCounts:
+        """What will be refused besides if nothing more comes."""
+        return self._passes.refused_if_over()
+
+    def _predict(self, stamp: int, twist: Array) -> Prediction:
         duration = 0.0 if self._stamp is None else (stamp - self._stamp) * 1e-9
         if self._stamp is not None:
             step = Increment(

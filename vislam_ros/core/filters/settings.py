@@ -4,7 +4,8 @@
 
 from dataclasses import dataclass
 
-from vislam_ros.core.settings import SlamSettings, setting
+from vislam_ros.core.ranges import LARGEST_PIXEL
+from vislam_ros.core.settings import LARGEST_GATE, LARGEST_VARIANCE, SlamSettings, setting
 
 
 @dataclass(frozen=True)
@@ -23,18 +24,21 @@ class ObservationSettings(SlamSettings):
         "Variances of u_left, v_left, u_right, v_right [px^2]; four equal ones make the filter "
         "use three exact rows in place of four",
         minimum=1e-12,
+        maximum=LARGEST_VARIANCE,
     )
     chi2_gate: float = setting(
         16.27,
         "An observation whose squared Mahalanobis distance (3 degrees of freedom) is larger is "
         "rejected; 0 turns the gate off",
         minimum=0.0,
+        maximum=LARGEST_GATE,
     )
     pixel_gate: float = setting(
         0.0,
         "An observation farther than this from its prediction is rejected [px]; 0 turns the "
         "gate off",
         minimum=0.0,
+        maximum=LARGEST_PIXEL,
     )
 
 
@@ -52,10 +56,12 @@ class WorldLandmarkSettings(ObservationSettings):
         0.5,
         "Variance of each axis of a new landmark [m^2], with landmark_initialization: independent",
         minimum=0.0,
+        maximum=LARGEST_VARIANCE,
     )
     min_disparity: float = setting(
         1.0,
         "Observations with a smaller disparity are not used, for their landmarks' positions in "
         "metres are not known [px]",
         minimum=1e-3,
+        maximum=LARGEST_PIXEL,
     )

@@ -26,12 +26,18 @@ class FrameRate:
 
     def __init__(self) -> None:
         self._durations: deque[float] = deque(maxlen=_DURATIONS)
+        self._usual = 1.0 / _FIRST_RATE
         self.hertz = _FIRST_RATE
 
     def add(self, tau: float) -> None:
         """Add a step of tau seconds between two frames."""
         self._durations.append(tau)
-        self.hertz = max(round(1.0 / statistics.median(self._durations)), _LEAST_RATE)
+        self._usual = statistics.median(self._durations)
+        self.hertz = max(round(1.0 / self._usual), _LEAST_RATE)
+
+    def missed(self, tau: float) -> int:
+        """Frames that should have come within a step of tau seconds and did not."""
+        return max(round(tau / self._usual) - 1, 0)
 
     def frames(self, seconds: float) -> int:
         """Frames in a span of time."""

@@ -52,6 +52,11 @@ class PredictedPath:
         """Tell whether there is a pose at a stamp (ns) or after it."""
         return bool(self._stamps) and stamp <= self._stamps[-1]
 
+    @property
+    def end(self) -> int | None:
+        """Stamp (ns) of the last pose; None where there is none."""
+        return self._stamps[-1] if self._stamps else None
+
     def pose(self, stamp: int) -> Array:
         """Pose (4, 4) at a stamp (ns) inside the path."""
         after = bisect_left(self._stamps, stamp)

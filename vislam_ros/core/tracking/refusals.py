@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vislam_ros.core.ranges import PIXEL, POSITION, TURN_RATE, VELOCITY, Range
 from vislam_ros.errors import VislamError
 
 
@@ -46,9 +47,11 @@ class Refusal(enum.Enum):
     ABSENT_FIELD = ("absent_field", "it says that it does not hold what is needed")
     WRONG_SIZE = ("wrong_size", "its data have another size than they should")
     NON_FINITE = ("non_finite", "a number is not finite")
+    ABSURD = ("absurd", "a number is finite and beyond what can be")
     DUPLICATE_IDS = ("duplicate_ids", "an id appears twice")
     NOT_A_ROTATION = ("not_a_rotation", "its quaternion has not the length 1")
     NOT_A_PAIR = ("not_a_pair", "left and right are not one rectified, calibrated camera pair")
+    BAD_STAMP = ("bad_stamp", "its stamp is near none that came before or after it")
     LATE = ("late", "it came after a newer one")
     DUPLICATE = ("duplicate", "there was one with the same stamp")
     UNPAIRED = ("unpaired", "the other stream has none with the same stamp")
@@ -118,13 +121,21 @@ def refusal_of(word: str) -> Refusal:
     raise ValueError(f"{word!r} is no reason to refuse a message")
 
 
+def check_range(meant: Range, values: ArrayLike) -> None:
+    """Refuse numbers that lie outside what is meant; raises a RefusedMessage."""
+    if complaint := meant.complaint(values):
+        raise RefusedMessage(Refusal.ABSURD, complaint)
+
+
 def check_twist(twist: ArrayLike) -> None:
-    """Refuse what is no twist (6,) of finite numbers; raises a RefusedMessage."""
+    """Refuse what is no twist (6,) of numbers that can be; raises a RefusedMessage."""
     twist = np.asarray(twist, dtype=float)
     if twist.shape != (6,):
         raise RefusedMessage(Refusal.WRONG_SIZE)
     if not np.all(np.isfinite(twist)):
         raise RefusedMessage(Refusal.NON_FINITE)
+    check_range(VELOCITY, twist[:3])
+    check_range(TURN_RATE, twist[3:])
 
 
 def check_pose(position: ArrayLike, quaternion: ArrayLike) -> None:
@@ -135,12 +146,13 @@ def check_pose(position: ArrayLike, quaternion: ArrayLike) -> None:
         raise RefusedMessage(Refusal.WRONG_SIZE)
     if not (np.all(np.isfinite(position)) and np.all(np.isfinite(quaternion))):
         raise RefusedMessage(Refusal.NON_FINITE)
-    if abs(np.linalg.norm(quaternion) - 1.0) > 1e-3:
+    check_range(POSITION, position)
+    if not abs(np.linalg.norm(quaternion) - 1.0) <= 1e-3:
         raise RefusedMessage(Refusal.NOT_A_ROTATION)
 
 
 def check_features(ids: ArrayLike, pixels: ArrayLike) -> None:
-    """Refuse what is no frame: ids (n,), each once, and finite pixels (n, 4).
+    """Refuse what is no frame: ids (n,), each once, and pixels (n, 4) that can be.
 
     Raises
     ------
@@ -151,5 +163,6 @@ def check_features(ids: ArrayLike, pixels: ArrayLike) -> None:
         raise RefusedMessage(Refusal.WRONG_SIZE)
     if not np.all(np.isfinite(pixels)):
         raise RefusedMessage(Refusal.NON_FINITE)
+    check_range(PIXEL, pixels)
     if not np.all(ids[1:] > ids[:-1]) and len(np.unique(ids)) != len(ids):
         raise RefusedMessage(Refusal.DUPLICATE_IDS)

@@ -28,6 +28,8 @@ class TrackedFrame:
         Which observations of a frozen frame repeat the last one's pixels; each begins a point.
     frozen : bool
         Whether the frame repeats the last one's pixels while the body moves.
+    left_out : int
+        New tracks that there was no room for.
     """
 
     keys: Keys
@@ -35,3 +37,4 @@ class TrackedFrame:
     ended: Keys
     copied: NDArray[np.bool_]
     frozen: bool
+    left_out: int = 0

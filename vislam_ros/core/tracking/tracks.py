@@ -7,8 +7,10 @@ the body moves (a frozen frame), it goes on from the stale pixels afterwards, so
 track stands for another point from then on. Such a track, one that was unseen for a while, and
 one whose observation was rejected, begins anew under the same id. The last one rests before: what
 slides over the scene goes on to do so, and each time that it began anew it would be believed for
-a frame or two. Each physical point gets a key of its own, counted from 0 in the order of first
-appearance; the filters know only keys.
+a frame or two. A frame that is missing has seen nothing: what comes after a hole is not read
+against the points from before it, of which those last longest that go along with the body. Each
+physical point gets a key of its own, counted from 0 in the order of first appearance; the
+filters know only keys.
 """
 
 from collections.abc import Callable
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.compiled import compiled
+from vislam_ros.core.tracking.spread import best_spread
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 
 # A live track whose point has ended; its pixels still tell whether the next frame is frozen.
@@ -55,14 +58,24 @@ class Tracks:
         Frames without an observation after which a track ends.
     frozen_share : float or None
         Share of repeated tracks above which a frame is frozen; None never finds any.
+    most : int or None
+        Tracks that are followed at a time; where a frame has more new ones than there is room
+        for, those are taken that cover the image best, and the others are as if unseen. None sets
+        no bound.
     rest_after_rejection : int
         Frames for which a track whose observation was rejected is left out, unless it comes to
         stand for another point before.
     """
 
     def __init__(
-        self, retire_after: int, frozen_share: float | None, rest_after_rejection: int = 0
+        self,
+        retire_after: int,
+        frozen_share: float | None,
+        rest_after_rejection: int = 0,
+        *,
+        most: int | None = None,
     ):
+        self._most = most
         self._retire_after = retire_after
         self._frozen_share = frozen_share
         self._rest_after_rejection = rest_after_rejection
@@ -98,6 +111,7 @@ class Tracks:
         ids: NDArray[np.uint32],
         pixels: NDArray[np.float32],
         motion_expected: Callable[[], bool],
+        missed: int = 0,
     ) -> TrackedFrame:
         """Take a frame.
 
@@ -109,6 +123,8 @@ class Tracks:
         motion_expected : callable
             Tells whether the body moves so far that honest pixels would have changed; is asked
             only where many have not.
+        missed : int
+            Frames that are missing before this one: in them nothing was seen.
 
         Returns
         -------
@@ -120,6 +136,12 @@ class Tracks:
         if np.any(ids[1:] < ids[:-1]):
             order = np.argsort(ids)
             ids, pixels = ids[order], pixels[order]
+        ended_before = self._miss(missed)
+        chosen = self._chosen(ids, pixels)
+        left_out = len(ids)
+        if chosen is not None:
+            ids, pixels = ids[chosen], pixels[chosen]
+        left_out -= len(ids)
         keys, copied, in_last_frame, found, rest = _continued(
             ids, pixels, self._ids, self._keys, self._pixels, self._unseen, self._rest
         )
@@ -130,7 +152,7 @@ class Tracks:
         )
         if not frozen:
             copied[:] = False
-        ended = [keys[copied]]
+        ended = [keys[copied], ended_before]
         # A copied track stands for another point now, so it rests no longer.
         fresh = ((keys == NO_KEY) & (rest == 0)) | copied
         keys[fresh] = self._new_keys(ids[fresh])
@@ -148,7 +170,33 @@ class Tracks:
             ended=np.sort(all_ended[all_ended != NO_KEY]),
             copied=copied[by_key],
             frozen=frozen,
+            left_out=left_out,
         )
+
+    def _miss(self, missed: int) -> Keys:
+        """Let frames pass in which nothing is seen; return the points that end with them."""
+        self._unseen += missed
+        self._rest = np.maximum(self._rest - missed, 0)
+        lost = self._unseen >= self._retire_after
+        ended: Keys = self._keys[lost]
+        self._keys[lost] = NO_KEY
+        return ended
+
+    def _chosen(
+        self, ids: NDArray[np.uint32], pixels: NDArray[np.float32]
+    ) -> NDArray[np.int64] | None:
+        """Places of the observations that there is room for; None where there is for all."""
+        if self._most is None or len(ids) + len(self._ids) <= self._most:
+            return None
+        known = np.isin(ids, self._ids, assume_unique=True)
+        goes_on = self._unseen + 1 < self._retire_after
+        waiting = np.count_nonzero(goes_on & ~np.isin(self._ids, ids, assume_unique=True))
+        (new,) = np.nonzero(~known)
+        room = self._most - int(np.count_nonzero(known)) - int(waiting)
+        if len(new) <= room:
+            return None
+        taken = new[best_spread(pixels[new], max(room, 0), pixels[known])]
+        return np.sort(np.concatenate([np.flatnonzero(known), taken]))
 
     def restart(self, keys: Keys, *, rest: bool) -> None:
         """End points whose observation was rejected; their ids may rest before they go on."""

@@ -8,11 +8,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2, Qos, QosDurability
 from rosbags.typesys import Stores, get_typestore
 
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
+from vislam_ros.data.bags.claims import check_bag
 from vislam_ros.errors import VislamError
 
 
@@ -83,6 +84,7 @@ class BagMessages:
             raise VislamError(
                 f"{self.path}: is not a bag: that is a directory with metadata.yaml, or .mcap"
             )
+        check_bag(self.path)
         try:
             self._reader = AnyReader(
                 [self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY)
@@ -165,7 +167,7 @@ class BagMessages:
         """
         try:
             return self._reader.deserialize(data, connection.msgtype)
-        except AnyReaderError as error:
+        except Exception as error:  # damaged bytes and types raise errors of every kind
             raise RefusedMessage(Refusal.UNDECODABLE) from error
 
     def _read(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stereo camera, from both camera infos and the extrinsics, in whatever order they come."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,15 @@ from vislam_ros.data.bags.decoding import Projection
 from vislam_ros.data.bags.layout import EXTRINSICS, LEFT_CAMERA, RIGHT_CAMERA, Frames, Topic
 
 Array = NDArray[np.float64]
+
+
+def differences(before: StereoCamera, after: StereoCamera) -> str:
+    """In what one camera differs from another, in words."""
+    old, new = dataclasses.asdict(before), dataclasses.asdict(after)
+    return ", ".join(
+        f"{name}: {old[name]} to {new[name]}" for name in old if old[name] != new[name]
+    )
+
 
 CALIBRATION_TOPICS = (LEFT_CAMERA, RIGHT_CAMERA, EXTRINSICS)
 

@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.ranges import BASELINE, FOCAL_LENGTH, MOUNT, PRINCIPAL_POINT, TURN_RATE
 from vislam_ros.core.tracking.refusals import (
     Refusal,
     RefusedMessage,
     check_features,
     check_pose,
+    check_range,
     check_twist,
 )
 from vislam_ros.data.bags.feature_cloud import unpack_features
@@ -47,6 +49,11 @@ class Projection:
 
 def stamp_of(header: Any) -> int:
     """Nanoseconds of a header's stamp."""
+    if header.stamp.nanosec >= NANOSECONDS:
+        raise RefusedMessage(
+            Refusal.BAD_FIELDS,
+            f"header.stamp.nanosec is {header.stamp.nanosec}: a second has {NANOSECONDS}",
+        )
     stamp = int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
     if stamp < 0:
         raise RefusedMessage(Refusal.BEFORE_1970, f"header.stamp.sec is {header.stamp.sec}")
@@ -75,8 +82,11 @@ def angular_velocity(message: Any, frames: Frames) -> tuple[int, Array]:
     _check_frame("header.frame_id", message.header.frame_id, "base_frame", frames.base)
     if message.angular_velocity_covariance[0] == -1.0:
         raise RefusedMessage(Refusal.ABSENT_FIELD, "it says that it has no angular velocity")
-    omega = message.angular_velocity
-    return stamp_of(message.header), _finite([omega.x, omega.y, omega.z])
+    omega = _finite(
+        [message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z]
+    )
+    check_range(TURN_RATE, omega)
+    return stamp_of(message.header), omega
 
 
 def features(message: Any, frames: Frames) -> tuple[int, NDArray[np.uint32], NDArray[np.float32]]:
@@ -122,6 +132,7 @@ def extrinsics(message: Any, frames: Frames) -> tuple[Array, Array]:
     _check_frame("child_frame_id", message.child_frame_id, "camera_frame", frames.camera)
     position, quaternion = _values_of(message.transform.translation, message.transform.rotation)
     check_pose(position, quaternion)
+    check_range(MOUNT, position)
     return position, quaternion
 
 
@@ -132,6 +143,8 @@ def projection(message: Any) -> Projection:
         raise RefusedMessage(
             Refusal.NOT_A_PAIR, "field p has no positive focal length: calibrate the camera"
         )
+    check_range(FOCAL_LENGTH, [P[0, 0], P[1, 1]])
+    check_range(PRINCIPAL_POINT, P[:2, 2])
     return Projection(P, (int(message.width), int(message.height)))
 
 
@@ -148,6 +161,7 @@ def check_pair(left: Projection, right: Projection) -> None:
             f"field p[3] of the right camera is {right.P[0, 3]}: it must be -fx times the "
             "baseline",
         )
+    check_range(BASELINE, -right.P[0, 3] / right.P[0, 0])
 
 
 def stereo_camera(

@@ -4,16 +4,22 @@
 
 import hashlib
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
-from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
-from vislam_ros.data.bags.layout import CHECKSUMS, PROVENANCE
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
+from vislam_ros.data.bags.bag_messages import BagConnection, BagMessages, is_bag
+from vislam_ros.data.bags.claims import mcap_claim
+from vislam_ros.data.bags.layout import CHECKSUMS, PROVENANCE, TOPICS
+from vislam_ros.data.files.inputs import open_input
 from vislam_ros.errors import VislamError
 
+# Of more files than any bag has [bytes].
+_LARGEST_CHECKSUMS = 1 << 22
 _LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")
 
 
@@ -43,7 +49,7 @@ class VerifyReport:
 def file_sha256(path: Path) -> str:
     """SHA-256 of a file, 64 hexadecimal digits."""
     digest = hashlib.sha256()
-    with path.open("rb") as file:
+    with open_input(path) as file:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
@@ -115,10 +121,11 @@ def _checksum_text(digests: dict[str, str]) -> str:
 
 def _checksum_faults(bag: Path) -> list[str]:
     try:
-        recorded = (bag / CHECKSUMS).read_bytes()
+        with open_input(bag / CHECKSUMS) as file:
+            recorded = file.read(_LARGEST_CHECKSUMS)
         actual = _digests(bag)
-    except OSError as error:
-        return [f"{Path(error.filename).name}: cannot be read: {error.strerror}"]
+    except VislamError as error:
+        return [str(error).removeprefix(f"{bag}/")]
     if recorded == _checksum_text(actual).encode():
         return []
     faults = []
@@ -142,25 +149,42 @@ def _structure_faults(path: Path) -> list[str]:
     faults = [
         f"{file.name}: {fault}"
         for file in files
-        if file.suffix == ".mcap" and (fault := _mcap_fault(file))
+        if file.suffix == ".mcap" and (fault := mcap_claim(file) or _mcap_fault(file))
     ]
     if faults:
         return faults
     try:
         with BagMessages(path) as bag:
             expected = sum(connection.count for connection in bag.connections)
-            found = sum(1 for _ in bag.messages())
+            found, no_messages = _look_at_messages(bag)
     except VislamError as error:
-        return [str(error)]
+        return [str(error).removeprefix(f"{path}: ")]
+    faults = [
+        f"no usable message on {each.topic}: {Refusal.UNDECODABLE.text}" for each in no_messages
+    ]
     if found != expected:
-        return [f"holds {found} messages where its index says {expected}"]
-    return []
+        faults.append(f"holds {found} messages where its index says {expected}")
+    return faults
+
+
+def _look_at_messages(bag: BagMessages) -> tuple[int, list[BagConnection]]:
+    """Count the messages, and name the topics of types in use of which none can be decoded."""
+    in_use = {topic.msgtype for topic in TOPICS}
+    unproven = {each.topic: each for each in bag.connections if each.msgtype in in_use}
+    found = 0
+    for connection, _, data in bag.messages():
+        found += 1
+        if connection.topic in unproven:
+            with suppress(RefusedMessage):
+                bag.decode(connection, data)
+                del unproven[connection.topic]
+    return found, [each for each in unproven.values() if each.count]
 
 
 def _mcap_fault(file: Path) -> str | None:
     """Read an MCAP file from its first byte to its last, with every CRC that it carries."""
     try:
-        with file.open("rb") as stream:
+        with open_input(file, "this bag") as stream:
             for record in StreamReader(stream, validate_crcs=True).records:
                 if isinstance(record, Message):
                     continue

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading a bag as drives, one for each pass over the data, as the nodes would hear it."""
 
-import json
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.settings import MotionSettings
@@ -15,8 +14,8 @@ from vislam_ros.core.tracking.refusals import Refusal, RefusalCounts, RefusedMes
 from vislam_ros.core.tracking.time_order import Passes, TimeOrder
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.bag_messages import BagMessages
-from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration
-from vislam_ros.data.bags.gathered_pass import GatheredPass
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration, differences
+from vislam_ros.data.bags.gathered_pass import Array, GatheredPass
 from vislam_ros.data.bags.layout import (
     DEFAULT_FRAMES,
     FEATURES,
@@ -29,7 +28,11 @@ from vislam_ros.data.bags.layout import (
 )
 from vislam_ros.data.bags.naming import hint, names_in_bag, namespace_of
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.files.json_file import read_json
 from vislam_ros.errors import VislamError
+
+T = TypeVar("T", bound=tuple[Any, ...])
+_Pose: TypeAlias = tuple[int, Array, Array]
 
 _TIME_JUMP = MotionSettings().time_jump
 
@@ -145,14 +148,20 @@ class _Reading:
         self._topics = self._present()
         self._calibration = Calibration(rules.frames)
         self._first_camera: StereoCamera | None = None
+        self._camera_changes: list[str] = []
         self._order = Passes(
             {
                 Stream.TWIST: rules.twist_time_jump,
                 Stream.IMU: rules.twist_time_jump,
                 Stream.FEATURES: rules.features_time_jump,
-            }
+            },
+            self._refuse,
+            sorts=True,
         )
-        self._truth_order, self._truth_pass = TimeOrder(rules.features_time_jump), 0
+        self._truth_order: TimeOrder[_Pose] = TimeOrder(
+            rules.features_time_jump, self._skip_truth, sorts=True
+        )
+        self._truth_pass = 0
         self._passes: dict[int, GatheredPass] = defaultdict(GatheredPass)
         self._usable: set[Topic] = set()
         self._faults: dict[Topic, Counter[str]] = defaultdict(Counter)
@@ -188,34 +197,49 @@ class _Reading:
             except RefusedMessage as error:
                 self._faults[topic][str(error)] += 1
                 if topic.stream is not None:
-                    self._passes[self._order.number(topic.stream)].refused.add(
-                        topic.stream, error.refusal, decoding.stamp_if_known(message)
-                    )
+                    stamp = decoding.stamp_if_known(message)
+                    self._refuse(topic.stream, error.refusal, stamp)
             yield
+        self._order.end()
+        self._truth_order.end()
 
     def _take(self, topic: Topic, message: Any) -> None:
         frames = self._rules.frames
         if topic is TWIST:
-            twist = decoding.twist(message, frames)
-            self._pass_of(Stream.TWIST, twist[0]).twists.append(twist)
+            for gathered, twist in self._enter(Stream.TWIST, decoding.twist(message, frames)):
+                gathered.twists.append(twist)
         elif topic is IMU:
-            turn = decoding.angular_velocity(message, frames)
-            self._pass_of(Stream.IMU, turn[0]).turns.append(turn)
+            came = decoding.angular_velocity(message, frames)
+            for gathered, turn in self._enter(Stream.IMU, came):
+                gathered.turns.append(turn)
         elif topic is FEATURES:
-            frame = decoding.features(message, frames)
-            gathered = self._pass_of(Stream.FEATURES, frame[0])
-            if not gathered.frames:
-                gathered.camera = self._calibration.camera
-            gathered.frames.append(frame)
+            features = decoding.features(message, frames)
+            for gathered, frame in self._enter(Stream.FEATURES, features):
+                if not gathered.frames:
+                    gathered.camera = self._calibration.camera
+                gathered.frames.append(frame)
         elif topic is GROUND_TRUTH:
             pose = decoding.true_pose(message)
-            self._truth_pass += self._truth_order.place(pose[0])
-            self._passes[self._truth_pass].poses.append(pose)
-        elif camera := self._calibration.add(topic, message):
+            for believed in self._truth_order.enter(pose[0], pose):
+                self._truth_pass += believed.begins_pass
+                self._passes[self._truth_pass].poses.append(believed.message)
+        else:
+            before = self._calibration.camera
+            camera = self._calibration.add(topic, message)
             self._first_camera = self._first_camera or camera
+            if before and camera:
+                self._camera_changes.append(differences(before, camera))
 
-    def _pass_of(self, stream: Stream, stamp: int) -> GatheredPass:
-        return self._passes[self._order.place(stream, stamp)]
+    def _enter(self, stream: Stream, message: T) -> list[tuple[GatheredPass, T]]:
+        """Passes and messages, with their stamps first, that are believed with this one."""
+        entered = self._order.enter(stream, message[0], message)
+        return [(self._passes[number], believed) for number, _, believed in entered]
+
+    def _refuse(self, stream: Stream, refusal: Refusal, stamp: int | None) -> None:
+        self._passes[self._order.number(stream)].refused.add(stream, refusal, stamp)
+
+    def _skip_truth(self, refusal: Refusal, _stamp: int) -> None:
+        self._faults[GROUND_TRUTH][refusal.text] += 1
 
     def unusable(self) -> list[Topic]:
         """Needed topics that have had no usable message."""
@@ -237,7 +261,11 @@ class _Reading:
     def drives(self, name: str, notes: Sequence[str]) -> tuple[Drive, ...]:
         """Drives of the passes in which the motion reaches a frame, or of the first one."""
         assert self._first_camera is not None
-        notes = [*notes, *self._notes_on_truth()]
+        changes = (
+            f"The calibration changes ({change}): a pass keeps the one that it begins with."
+            for change in self._camera_changes
+        )
+        notes = [*notes, *self._notes_on_truth(), *changes]
         passes = [gathered for _, gathered in sorted(self._passes.items())]
         for gathered in passes:
             gathered.sort(imu_turns=self._rules.imu_turns)
@@ -278,11 +306,10 @@ def _provenance(path: Path) -> tuple[str, list[str]]:
     file = path / PROVENANCE
     if not file.is_file():
         return (path.name if path.is_dir() else path.stem), []
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        return str(content["name"]), [str(note) for note in content["notes"]]
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    content = read_json(file, "where this bag comes from")
+    name, notes = content.get("name"), content.get("notes")
+    if not (isinstance(name, str) and isinstance(notes, list)):
         raise VislamError(
-            f"{file}: cannot read it ({type(error).__name__}: {error}): convert the drive anew, "
-            "or remove the file"
-        ) from error
+            f"{file}: has no name and no notes: convert the drive anew, or remove the file"
+        )
+    return name, [str(note) for note in notes]

@@ -21,15 +21,23 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.ranges import (
+    BASELINE,
+    FOCAL_LENGTH,
+    GAP,
+    LARGEST_PIXEL,
+    MOUNT,
+    POSITION,
+    PRINCIPAL_POINT,
+    TURN_RATE,
+    VELOCITY,
+    Range,
+)
 from vislam_ros.data.datasets.array_stream import Arrays, ArrayStream, open_arrays
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions, settle_conventions
-from vislam_ros.data.datasets.sparse_features import (
-    LARGEST_PIXEL,
-    Progress,
-    gather_observations,
-)
+from vislam_ros.data.datasets.sparse_features import Progress, gather_observations
 from vislam_ros.data.drive import Drive, image_size_that_holds
-from vislam_ros.data.trajectory import Trajectory, nanoseconds
+from vislam_ros.data.trajectory import LATEST_SECOND, NANOSECONDS, Trajectory, nanoseconds
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
@@ -51,7 +59,6 @@ _COMPANIONS = ("K_r", "extL_T_imu", "extR_T_imu", GROUND_TRUTH, "ground_truth_la
 _ROTATION_TOLERANCE = 1e-3
 # A pair counts as rectified when its other offsets are below this share of the baseline.
 _RECTIFIED_TOLERANCE = 0.05
-_LATEST_SECOND = 9.2e9  # of 64-bit nanoseconds
 
 
 def matches(path: Path) -> bool:
@@ -89,8 +96,10 @@ def read(
     with open_arrays(path) as arrays:
         keys = {what: _find_key(path, arrays, what) for what in SPELLINGS}
         stamps = _stamps(path, arrays, keys["time stamps"])
-        velocity = _velocity(path, arrays, keys["linear velocity"], len(stamps))
-        angular_velocity = _velocity(path, arrays, keys["angular velocity"], len(stamps))
+        velocity = _velocity(path, arrays, keys["linear velocity"], len(stamps), VELOCITY)
+        angular_velocity = _velocity(
+            path, arrays, keys["angular velocity"], len(stamps), TURN_RATE
+        )
         camera, notes = _camera(path, arrays, keys)
         truth = _ground_truth(path, arrays, stamps) if GROUND_TRUTH in arrays else None
         unknown = sorted(set(arrays) - set(keys.values()) - set(_COMPANIONS))
@@ -150,7 +159,7 @@ def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
     if not values.size or values.size != max(values.shape, default=0):
         raise _wrong_shape(path, key, values.shape, "(T,) or (1, T) with at least one step")
     seconds = values.ravel()
-    if seconds.min() < 0 or seconds.max() > _LATEST_SECOND:
+    if seconds.min() < 0 or seconds.max() > LATEST_SECOND:
         raise VislamError(
             f"{path}: {key} goes from {seconds.min():g} to {seconds.max():g}: give UNIX seconds"
         )
@@ -162,12 +171,14 @@ def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
             f"{path}: {key}[{k + 1}] is {seconds[k + 1]!s}, not later than {seconds[k]!s} before "
             "it: time must increase"
         )
+    GAP.require(np.diff(stamps) / NANOSECONDS, f"{path}: {key}")
     return stamps
 
 
-def _velocity(path: Path, arrays: Arrays, key: str, steps: int) -> Array:
+def _velocity(path: Path, arrays: Arrays, key: str, steps: int, meant: Range) -> Array:
     """Read a velocity (T, 3) that is stored as (3, T) or, unless T is 3 too, as (T, 3)."""
     values = _finite(path, arrays, key)
+    meant.require(values, f"{path}: {key}")
     if values.shape == (3, steps):
         return values.T
     if values.shape == (steps, 3):
@@ -215,6 +226,8 @@ def _intrinsics(path: Path, arrays: Arrays, key: str) -> Array:
             f"{path}: {key} is {K.tolist()}: intrinsics of a rectified camera are "
             "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx and fy positive"
         )
+    FOCAL_LENGTH.require(focal_lengths, f"{path}: {key}")
+    PRINCIPAL_POINT.require(K[:2, 2], f"{path}: {key}")
     return K
 
 
@@ -231,6 +244,7 @@ def _rigid_motion(path: Path, arrays: Arrays, key: str) -> Array:
         raise VislamError(
             f"{path}: {key} is {T.tolist()}: no rigid motion [[R, p], [0, 1]] with a rotation R"
         )
+    MOUNT.require(T[:3, 3], f"{path}: {key}")
     return T
 
 
@@ -255,6 +269,7 @@ def _baseline(path: Path, arrays: Arrays, key: str) -> float:
         baseline = float(values.item())
     if baseline <= 0:
         raise VislamError(f"{path}: {key} gives a baseline of {baseline} m: it must be positive")
+    BASELINE.require(baseline, f"{path}: {key}")
     return baseline
 
 
@@ -262,4 +277,5 @@ def _ground_truth(path: Path, arrays: Arrays, stamps: NDArray[np.int64]) -> Traj
     T_world_body = _finite(path, arrays, GROUND_TRUTH)
     if T_world_body.shape != (len(stamps), 4, 4):
         raise _wrong_shape(path, GROUND_TRUTH, T_world_body.shape, f"({len(stamps)}, 4, 4)")
+    POSITION.require(T_world_body, f"{path}: {GROUND_TRUTH}")
     return Trajectory.from_matrices(stamps, T_world_body)

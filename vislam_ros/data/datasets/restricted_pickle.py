@@ -9,16 +9,24 @@ bytes, so neither the pickle's functions nor numpy's own unpickling code ever ru
 
 import math
 import pickle
+import reprlib
 from collections import OrderedDict
 from collections.abc import Callable
+from functools import partial
 from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.data.datasets.pickle_limits import check_claims
 from vislam_ros.errors import VislamError
 
 _KINDS = "biufcSU"  # numbers and text: whatever a dtype can say without pointers
+_LONGEST_CODE = 16  # characters of a dtype
+_MOST_DIMENSIONS = 32
+# Calls may copy what is there, but not over and over: a pickle makes no more than so many times
+# its own bytes, and a few more. What they make of an item takes about so much [bytes].
+_TIMES_ITS_BYTES, _ALWAYS, _ITEM = 4, 1 << 20, 64
 
 
 class _Refused(VislamError):
@@ -29,7 +37,9 @@ class _Dtype:
     """What ``numpy.dtype(...)`` makes inside a pickle; a later state sets its byte order."""
 
     def __init__(self, code: Any, *_flags: Any):
-        self.dtype = np.dtype(str(code))
+        if not isinstance(code, str) or len(code) > _LONGEST_CODE:
+            raise _Refused(f"the dtype {reprlib.repr(code)}")
+        self.dtype = np.dtype(code)
         if self.dtype.kind not in _KINDS + "O":
             raise _Refused(f"the dtype {code!r}")
 
@@ -50,7 +60,7 @@ class _Array:
         shape, dtype, is_fortran, data = state[-4:]
         if dtype.dtype.hasobject:
             if shape != () or len(data) != 1:
-                raise _Refused(f"an array of objects of shape {shape!r}")
+                raise _Refused(f"an array of objects of shape {reprlib.repr(shape)}")
             self.content = data[0]
         else:
             self.content = _from_bytes(data, dtype, shape, "F" if is_fortran else "C")
@@ -70,10 +80,12 @@ def _from_bytes(data: Any, dtype: _Dtype, shape: tuple[int, ...], order: Any) ->
         raise _Refused("an array of objects")
     if isinstance(data, str):  # Python 2 wrote bytes as text
         data = data.encode("latin1")
-    size = math.prod(shape) * dtype.dtype.itemsize
-    if len(data) != size or min(shape, default=0) < 0:
+    if len(shape) > _MOST_DIMENSIONS or min(shape, default=0) < 0:
+        raise ValueError("no shape of an array")
+    count = math.prod(shape)
+    if len(data) != count * dtype.dtype.itemsize or (count and not len(data)):
         raise ValueError("an array's shape does not fit its bytes")
-    if size == 0:
+    if count == 0:
         return np.empty(shape, dtype.dtype)
     return np.frombuffer(data, dtype.dtype).reshape(shape, order=order)
 
@@ -99,7 +111,7 @@ def _frombuffer(data: Any, dtype: _Dtype, shape: Any, order: Any, axes: Any = No
 
 def _encode(text: Any, encoding: Any) -> bytes:
     if encoding not in ("latin1", "latin-1"):
-        raise _Refused(f"the encoding {encoding!r}")
+        raise _Refused(f"the encoding {reprlib.repr(encoding)}")
     return bytes(text.encode("latin1"))
 
 
@@ -111,7 +123,7 @@ _MULTIARRAY: dict[str, Any] = {
 }
 _NUMERIC: dict[str, Any] = {"_frombuffer": _StandIn(_frombuffer)}
 _BUILTINS: dict[str, Any] = {
-    kind.__name__: _StandIn(kind) for kind in (set, frozenset, bytes, bytearray, complex)
+    kind.__name__: kind for kind in (set, frozenset, bytes, bytearray, complex)
 }
 _REACHABLE: dict[str, dict[str, Any]] = {
     "numpy": _NUMPY,
@@ -121,17 +133,35 @@ _REACHABLE: dict[str, dict[str, Any]] = {
     "numpy._core.numeric": _NUMERIC,
     "builtins": _BUILTINS,
     "__builtin__": _BUILTINS,
-    "collections": {"OrderedDict": _StandIn(OrderedDict)},
-    "_codecs": {"encode": _StandIn(_encode)},
+    "collections": {"OrderedDict": OrderedDict},
+    "_codecs": {"encode": _encode},
 }
 
 
 class _Unpickler(pickle.Unpickler):
+    def __init__(self, stream: IO[bytes]):
+        super().__init__(stream, encoding="latin1")
+        self._left = _TIMES_ITS_BYTES * check_claims(stream) + _ALWAYS
+
     def find_class(self, module: str, name: str) -> Any:
         try:
-            return _REACHABLE[module][name]
+            found = _REACHABLE[module][name]
         except KeyError:
             raise _Refused(f"{module}.{name}") from None
+        is_ready = isinstance(found, (_StandIn, str))
+        return found if is_ready else _StandIn(partial(self._copied, found))
+
+    def _copied(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call what makes a copy of its arguments, as long as there is room for one."""
+        for argument in arguments:
+            if isinstance(argument, int):
+                raise _Refused("bytes of a claimed length")
+            if hasattr(argument, "__len__"):
+                is_text = isinstance(argument, (str, bytes, bytearray))
+                self._left -= len(argument) * (1 if is_text else _ITEM)
+        if self._left < 0:
+            raise _Refused("more copies than its bytes hold")
+        return function(*arguments)
 
 
 def _plain(value: Any) -> Any:
@@ -166,7 +196,7 @@ def load_plain(stream: IO[bytes], source: str) -> Any:
         where it is damaged.
     """
     try:
-        content = _plain(_Unpickler(stream, encoding="latin1").load())
+        content = _plain(_Unpickler(stream).load())
         if isinstance(content, dict):
             content = {key: _plain(value) for key, value in content.items()}
     except _Refused as refused:

@@ -8,11 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.ranges import LARGEST_PIXEL
 from vislam_ros.data.datasets.array_stream import ArrayStream
+from vislam_ros.errors import VislamError
 
 ABSENT = -1.0
-# No camera has pixels beyond; a float that is not finite fails the comparison too.
-LARGEST_PIXEL = 1e6
+
+# A pixel has a mantissa full of noise, and hardly packs; in memory it takes more than in a file.
+# So a stored byte stands for no more pixels than this, or for these where they are few or some.
+_PIXELS_OF_A_BYTE, _FEW, _SOME_OF_A_BYTE, _SOME = 4, 1 << 20, 16, 1 << 25
 
 Progress = Callable[[float], None]
 
@@ -29,7 +33,7 @@ class SparseFeatures:
     pixels : ndarray of float32, (n, 4)
         ``u_left, v_left, u_right, v_right``.
     unusable : int
-        Observations left out because a pixel is not finite or beyond :data:`LARGEST_PIXEL`.
+        Observations left out because a pixel is not finite or beyond LARGEST_PIXEL.
     """
 
     offsets: NDArray[np.int64]
@@ -49,6 +53,11 @@ def gather_observations(stream: ArrayStream, progress: Progress | None = None) -
         Of shape (4, M, T), in either order.
     progress : callable, optional
         Told the share done, 0 to 1.
+
+    Raises
+    ------
+    VislamError
+        Where it unpacks to more observations than its bytes can tell.
     """
     _, M, T = stream.shape
     total = 4 * M * T
@@ -56,8 +65,17 @@ def gather_observations(stream: ArrayStream, progress: Progress | None = None) -
     cells: list[list[NDArray[np.int64]]] = [[], [], [], []]
     values: list[list[NDArray[np.float32]]] = [[], [], [], []]
     start = 0
+    pixels_left = max(
+        _PIXELS_OF_A_BYTE * stream.stored, min(_FEW + _SOME_OF_A_BYTE * stream.stored, _SOME)
+    )
     for chunk in stream.chunks:
         (present,) = np.nonzero(chunk != ABSENT)
+        pixels_left -= len(present)
+        if pixels_left < 0:
+            raise VislamError(
+                f"{stream.source}: {stream.stored} bytes unpack to more observations than so many "
+                "bytes can tell"
+            )
         with np.errstate(over="ignore"):
             present_values = chunk[present].astype(np.float32)
         index = present + start
@@ -83,6 +101,7 @@ def gather_observations(stream: ArrayStream, progress: Progress | None = None) -
     else:
         tracks, steps = np.divmod(seen, max(T, 1))
 
+    # A float that is not finite fails the comparison too.
     usable = np.all(np.abs(pixels) < LARGEST_PIXEL, axis=1)
     order = np.lexsort((tracks, steps))
     order = order[usable[order]]

@@ -7,12 +7,14 @@ Numbers follow ROS, where ``1e-10`` is a number; plain PyYAML would call it text
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
+from vislam_ros.data.files.inputs import read_text
 from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.errors import VislamError
 
@@ -22,8 +24,29 @@ Parameters = dict[str, dict[str, Any]]
 _SECTION = "ros__parameters"
 
 
+# PyYAML takes a second for so many bytes [bytes], and one call of a function for each level.
+_LARGEST, _DEEPEST = 1 << 17, 20
+
+
 class _Loader(yaml.SafeLoader):
-    """Safe loader that reads numbers with an exponent and no point or sign as ROS does."""
+    """Safe loader that reads numbers with an exponent and no point or sign as ROS does.
+
+    As ROS does, too, it takes no aliases, with which a few lines can hold any number of values.
+    """
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a node, but no alias and nothing nested beyond what anybody reads."""
+        mark = self.peek_event().start_mark
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.MarkedYAMLError(problem="an alias: write the value", problem_mark=mark)
+        if self._depth == _DEEPEST:
+            raise yaml.MarkedYAMLError(problem="nested too deeply", problem_mark=mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
 
 class _Dumper(yaml.SafeDumper):
@@ -44,9 +67,35 @@ _Dumper.add_representer(
 )
 
 
-def parse_yaml(text: str) -> Any:
-    """Plain values of a YAML text, with the numbers of ROS; raises a YAMLError."""
-    return yaml.load(text, Loader=_Loader)  # _Loader is a safe one
+def parse_yaml(text: str, where: str) -> Any:
+    """Plain values of a YAML text, with the numbers of ROS.
+
+    Raises
+    ------
+    VislamError
+        That begins with ``where``.
+    """
+    with _clear_errors(where):
+        return yaml.load(text, Loader=_Loader)  # _Loader is a safe one
+
+
+def read_yaml(path: Path, what: str) -> Any:
+    """Plain values of a YAML file; an error says what it is that cannot be read."""
+    return parse_yaml(read_text(path, what, _LARGEST), str(path))
+
+
+@contextmanager
+def _clear_errors(where: str) -> Iterator[None]:
+    try:
+        yield
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise VislamError(f"{where}, line {line}: not YAML: {error.problem}") from error
+    except VislamError:
+        raise
+    except Exception as error:  # tags raise errors of every kind on values that are not theirs
+        reason = str(error).partition("\n")[0]
+        raise VislamError(f"{where}: not YAML: {reason or type(error).__name__}") from error
 
 
 def read_parameters(path: Path) -> Parameters:
@@ -60,18 +109,10 @@ def read_parameters(path: Path) -> Parameters:
     VislamError
         Naming the file and the line, where it is not such a file.
     """
-    try:
-        loader = _Loader(path.read_text(encoding="utf-8"))
+    text = read_text(path, "these parameters", _LARGEST)
+    with _clear_errors(str(path)):
+        loader = _Loader(text)
         root = loader.get_single_node()
-    except OSError as error:
-        raise VislamError(f"{path}: cannot read these parameters: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise VislamError(f"{path}: not a text file of parameters") from error
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise VislamError(f"{path}, line {line}: not YAML: {error.problem}") from error
-    except yaml.YAMLError as error:
-        raise VislamError(f"{path}: not YAML: {str(error).splitlines()[0]}") from error
     if root is None:
         raise VislamError(f"{path}: holds no parameters: write node: {{{_SECTION}: {{...}}}}")
     return dict(_nodes(path, loader, root, ""))
@@ -105,7 +146,7 @@ def _values(
             continue
         try:
             result = loader.construct_object(value, deep=True)
-        except (yaml.YAMLError, ValueError) as error:
+        except Exception as error:  # tags raise errors of every kind
             raise _error(path, value, f"{name} is {value.value!r}, which no value") from error
         items = result if isinstance(result, list) else [result]
         kinds = {type(item) for item in items}

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from vislam_ros.data.files.whole_file import refuse_existing
+from vislam_ros.data.files.whole_file import made_directory, refuse_existing
 from vislam_ros.errors import VislamError
 
 
@@ -58,16 +58,16 @@ def whole_directory(
     check_output(output, force=force, replaceable=replaceable)
     target = output.resolve()
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(
-            tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".partial", dir=target.parent)
-        )
-        try:
-            work = scratch / target.name
-            yield work
-            _put_in_place(work, target, scratch / "replaced")
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+        with made_directory(target.parent):
+            scratch = Path(
+                tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".partial", dir=target.parent)
+            )
+            try:
+                work = scratch / target.name
+                yield work
+                _put_in_place(work, target, scratch / "replaced")
+            finally:
+                shutil.rmtree(scratch, ignore_errors=True)
     except OSError as error:
         raise VislamError(f"{output}: cannot write it: {error.strerror or error}") from error
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that are either whole or not there: written beside their place, then renamed into it."""
 
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from vislam_ros.errors import OutputError, VislamError
@@ -20,13 +21,49 @@ def replace_file(path: Path, content: bytes) -> None:
     Raises
     ------
     OutputError
-        Where it cannot be written; nothing is left of the attempt.
+        Where it cannot be written; nothing of it is left then.
     """
-    temporary = path.with_name(f".{path.name}.tmp")
+    replace_files({path: content})
+
+
+def replace_files(contents: Mapping[Path, bytes]) -> None:
+    """Write files: all of them or, where one cannot be written, none; as :func:`replace_file`."""
+    temporaries: dict[Path, Path] = {}
+    path = next(iter(contents))
     try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
+        for path, content in contents.items():
+            temporaries[path] = path.with_name(f".{path.name}.tmp")
+            temporaries[path].write_bytes(content)
+        for path, temporary in temporaries.items():
+            temporary.replace(path)
     except OSError as error:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
         raise OutputError(f"{path}: cannot write this file: {error.strerror}") from error
+    finally:
+        for temporary in temporaries.values():
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def made_directory(path: Path) -> Iterator[None]:
+    """Make a directory and its parents where they are missing; they go if the block fails."""
+    made = make_directory(path)
+    try:
+        yield
+    except BaseException:
+        remove_directories(made)
+        raise
+
+
+def make_directory(path: Path) -> list[Path]:
+    """Make a directory and its parents; return those that were missing, the innermost first."""
+    missing = [each for each in (path, *path.parents) if not each.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    return missing
+
+
+def remove_directories(made: Iterable[Path]) -> None:
+    """Remove directories that are empty, the innermost first."""
+    with suppress(OSError):
+        for directory in made:
+            directory.rmdir()

@@ -14,10 +14,11 @@ from scipy.stats import chi2
 
 from vislam_ros.core.step import StepTotals
 from vislam_ros.data.evaluation.evaluate import compare, first_pose_alignment, path_length
-from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.files.whole_file import made_directory, refuse_existing, replace_files
 from vislam_ros.data.pictures import palette
 from vislam_ros.data.results.reader import Results
 from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 
@@ -60,12 +61,17 @@ def plot_results(
         pictures["steps.png"] = draw_steps
     for name in pictures:
         refuse_existing(folder / name, force=force)
-    folder.mkdir(parents=True, exist_ok=True)
+    contents = {}
     for name, draw in pictures.items():
         buffer = io.BytesIO()
         draw(results, reference).savefig(buffer, dpi=palette.DOTS_PER_INCH, format="png")
-        replace_file(folder / name, buffer.getvalue())
-    return [folder / name for name in pictures]
+        contents[folder / name] = buffer.getvalue()
+    try:
+        with made_directory(folder):
+            replace_files(contents)
+    except OSError as error:
+        raise VislamError(f"{folder}: cannot hold pictures: {error.strerror}") from error
+    return list(contents)
 
 
 def draw_trajectory(results: Results, reference: Trajectory | None = None) -> Figure:

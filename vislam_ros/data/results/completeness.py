@@ -13,12 +13,11 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from vislam_ros.core.tracking.refusals import Refusal, Stream, refusal_of
+from vislam_ros.core.tracking.refusals import Stream, refusal_of
 from vislam_ros.data.bags.layout import FEATURES, PREDICTION
 
 _SLAM, _PREDICTION_NODE = "slam_node", "imu_prediction_node"
 _FEATURES_WORD = f"{Stream.FEATURES.value}_"
-_NO_PREDICTION = _FEATURES_WORD + Refusal.NO_PREDICTION.word
 
 
 def counts_from_values(values: Mapping[str, str], prefix: str) -> dict[str, int]:
@@ -67,8 +66,10 @@ class NodeReport:
     first : dict of str to str
         Stamp (s) of the first of them.
     waiting : int
-        Feature frames that wait for their prediction.
-    first_waiting : str or None
+        Feature frames that are neither answered nor refused yet.
+    refused_at_end : dict of str to int
+        Messages that it will not have used if nothing more comes, by word.
+    first_at_end : dict of str to str
         Stamp (s) of the first of them.
     predictions : int
         Predicted poses that it published.
@@ -80,7 +81,8 @@ class NodeReport:
     refused: dict[str, int] = field(default_factory=dict)
     first: dict[str, str] = field(default_factory=dict)
     waiting: int = 0
-    first_waiting: str | None = None
+    refused_at_end: dict[str, int] = field(default_factory=dict)
+    first_at_end: dict[str, str] = field(default_factory=dict)
     predictions: int = 0
     steps: int = 0
 
@@ -93,14 +95,15 @@ class NodeReport:
         ValueError
             Where a count is no number.
         """
-        refused = counts_from_values(values, "refused ")
-        first = {word: values.get(f"first {word} [s]") for word in refused}
+        refused, first = _refused_of(values, "")
+        refused_at_end, first_at_end = _refused_of(values, "at end ")
         return cls(
             received=counts_from_values(values, "received "),
             refused=refused,
-            first={word: stamp for word, stamp in first.items() if stamp is not None},
+            first=first,
             waiting=int(values.get("features waiting", 0)),
-            first_waiting=values.get("first waiting [s]"),
+            refused_at_end=refused_at_end,
+            first_at_end=first_at_end,
             predictions=int(values.get("predictions", 0)),
             steps=int(values.get("steps", 0)),
         )
@@ -140,6 +143,13 @@ class RecordedSteps:
             self.missing += number - self.last - 1
         self.count += 1
         self.last = number
+
+
+def _refused_of(values: Mapping[str, str], prefix: str) -> tuple[dict[str, int], dict[str, str]]:
+    """Refused messages by word, and the stamp (s) of the first of each, where it has one."""
+    refused = counts_from_values(values, f"{prefix}refused ")
+    first = {word: values.get(f"{prefix}first {word} [s]") for word in refused}
+    return refused, {word: stamp for word, stamp in first.items() if stamp is not None}
 
 
 class Ledger:
@@ -206,7 +216,7 @@ class Ledger:
     def refused(self, *, at_end: bool) -> tuple[dict[str, int], dict[str, str]]:
         """Refused messages of all nodes by word, and the stamp (s) of the first of each.
 
-        At the end, the frames that still wait are refused too: no prediction is to come.
+        At the end, those that still wait for something are refused too: it is not to come.
         """
         refused: Counter[str] = Counter()
         first: dict[str, str] = {}
@@ -216,10 +226,9 @@ class Ledger:
             refused.update(news)
             fresh = {word: s for word, s in report.first.items() if word not in before.refused}
             first = {**fresh, **first}
-        slam = self._reports.get(_SLAM, NodeReport())
-        if at_end and slam.first_waiting is not None:
-            refused[_NO_PREDICTION] += slam.waiting
-            first.setdefault(_NO_PREDICTION, slam.first_waiting)
+            if at_end:
+                refused.update(report.refused_at_end)
+                first = {**report.first_at_end, **first}
         return dict(sorted(refused.items())), dict(sorted(first.items()))
 
     def shortfall(self, steps: int) -> str | None:

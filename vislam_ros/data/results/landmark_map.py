@@ -3,13 +3,13 @@
 """Landmark maps as files: ``landmarks.npz`` to read back, ``landmarks.ply`` to look at."""
 
 import io
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
 
 from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.core.ranges import POSITION
+from vislam_ros.data.datasets.array_stream import open_arrays
 from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.errors import VislamError
 
@@ -19,17 +19,6 @@ _ARRAYS = (
     ("generations", np.uint32, ()),
     ("positions", np.float64, (3,)),
     ("covariances", np.float64, (3, 3)),
-)
-
-# What numpy and zipfile raise for a file cut short, flipped bits, a lone array or a pickle.
-_NOT_AN_ARCHIVE = (
-    OSError,
-    EOFError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    zipfile.BadZipFile,
-    zlib.error,
 )
 
 _PLY_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("id", "<u4")])
@@ -51,27 +40,26 @@ def read_landmarks(path: Path) -> LandmarkMap:
         Where the file is missing or damaged, or an array is missing, has the wrong type or
         shape, or holds a number that is not finite.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except FileNotFoundError as error:
-        raise VislamError(f"{path}: no such landmark file") from error
-    except _NOT_AN_ARCHIVE as error:
-        raise VislamError(f"{path}: not a whole .npz file of landmarks") from error
-    for name, dtype, shape in _ARRAYS:
-        if name not in arrays:
-            raise VislamError(f"{path}: has no array {name!r}: a landmark file needs it")
-        array = arrays[name]
-        expected = (len(arrays["ids"]) if arrays["ids"].ndim else 0, *shape)
-        if array.shape != expected or not np.can_cast(array.dtype, dtype, "same_kind"):
-            raise VislamError(
-                f"{path}: {name} is {array.dtype} {array.shape}; "
-                f"it must be {np.dtype(dtype)} {expected}"
-            )
-        if not np.all(np.isfinite(array)):
-            raise VislamError(f"{path}: {name} holds a number that is not finite")
-        arrays[name] = array.astype(dtype, copy=False)
-    return LandmarkMap(**{name: arrays[name] for name, _, _ in _ARRAYS})
+    arrays = {}
+    count: int | None = None
+    with open_arrays(path, "these landmarks") as streams:
+        for name, dtype, shape in _ARRAYS:
+            if name not in streams:
+                raise VislamError(f"{path}: has no array {name!r}: a landmark file needs it")
+            stream = streams[name]()
+            if count is None:
+                count = stream.shape[0] if stream.shape else 0
+            expected = (count, *shape)
+            if stream.shape != expected or not np.can_cast(stream.dtype, dtype, "same_kind"):
+                raise VislamError(
+                    f"{path}: {name} is {stream.dtype} {stream.shape}; "
+                    f"it must be {np.dtype(dtype)} {expected}"
+                )
+            arrays[name] = stream.array(dtype)
+            if not np.all(np.isfinite(arrays[name])):
+                raise VislamError(f"{path}: {name} holds a number that is not finite")
+    POSITION.require(arrays["positions"], f"{path}: positions")
+    return LandmarkMap(**arrays)
 
 
 def write_point_cloud(path: Path, landmarks: LandmarkMap) -> None:

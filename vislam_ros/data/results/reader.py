@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A result directory in memory, also one whose run was killed while it wrote."""
 
-import csv
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.step import KINDS
+from vislam_ros.data.files.inputs import read_lines
 from vislam_ros.data.files.parameter_file import Parameters, read_parameters
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.data.results.summary import read_summary
@@ -100,34 +102,30 @@ def read_results(directory: Path) -> Results:
     )
 
 
-def _whole_lines(path: Path) -> str:
-    """Text of a file up to its last line end; nothing where there is no file."""
-    try:
-        text = path.read_text(encoding="ascii")
-    except FileNotFoundError:
-        return ""
-    except OSError as error:
-        raise VislamError(f"{path}: cannot read this file: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise VislamError(f"{path}: not a text file") from error
-    return text[: text.rfind("\n") + 1]
+def _whole_lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Numbered lines of a file but a last one without its end; none where there is no file."""
+    if path.exists():
+        yield from ((number, line) for number, line, is_whole in read_lines(path) if is_whole)
 
 
 def _read_trajectory(path: Path) -> Trajectory | None:
-    text = _whole_lines(path)
-    return parse_tum(text, path) if text else None
+    lines = _whole_lines(path)
+    first = next(lines, None)
+    return parse_tum(itertools.chain([first], lines), path) if first else None
 
 
 def _read_table(
     path: Path, first_columns: tuple[str, ...]
 ) -> tuple[list[str], list[tuple[int, list[float]]]]:
     """Columns of a CSV file that must begin with some, and of each row its stamp and the rest."""
-    lines = _whole_lines(path).splitlines()
-    columns = lines[0].split(",") if lines else list(first_columns)
+    lines = _whole_lines(path)
+    _, header = next(lines, (1, ",".join(first_columns)))
+    columns = header.split(",")
     if tuple(columns[: len(first_columns)]) != first_columns:
         raise VislamError(f"{path}: line 1 must begin with {','.join(first_columns)}")
     table = []
-    for number, row in enumerate(csv.reader(lines[1:]), start=2):
+    for number, line in lines:
+        row = line.split(",")
         parsed = _parsed(row) if len(row) == len(columns) else None
         if parsed is None:
             raise VislamError(

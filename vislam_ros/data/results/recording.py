@@ -14,7 +14,10 @@ from typing import Any
 from numpy.typing import NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.core.settings import MotionSettings
 from vislam_ros.core.step import Row
+from vislam_ros.core.tracking.time_order import TimeOrder
+from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.message_log import MessageLog
 from vislam_ros.data.results.writer import ResultWriter, pass_directory
@@ -88,6 +91,12 @@ class _Pass:
         """Whether the map is the one of the last step."""
         return self.map_stamp is not None and self.map_stamp == self.last_stamp
 
+    @property
+    def has_final_verdict(self) -> bool:
+        """Whether the verdict is the one on all steps."""
+        verdict = self.writer.summary.verdict
+        return verdict is not None and verdict.stamp == self.last_stamp
+
     def write_raw(self, raw: Raw, stamp: int | None = None) -> None:
         """Log a message; one without a stamp (ns) of the data stands at the latest step."""
         stamp = self.last_stamp if stamp is None else stamp
@@ -145,7 +154,10 @@ class Recording:
         self._count = 1
         self._parameters: Mapping[str, Mapping[str, Any]] = {}
         self._prediction_pass = 0
-        self._last_prediction: int | None = None
+        # slam_node tells of those that it refused for their stamp.
+        self._prediction_order: TimeOrder[Pose] = TimeOrder(
+            MotionSettings().time_jump, lambda _refusal, _stamp: None
+        )
         self._held: list[tuple[int, Pose]] = []  # of passes that have no step yet
         self._previous: _Pass | None = None
         self._previous_until = 0.0
@@ -206,13 +218,12 @@ class Recording:
 
     def add_prediction(self, pose: Pose) -> None:
         """Add a predicted pose, to the pass that its stamp belongs to."""
-        if self._last_prediction is not None and pose.stamp <= self._last_prediction:
-            self._prediction_pass += 1
-        self._last_prediction = pose.stamp
-        if self._prediction_pass > self._current.time_pass:
-            self._held.append((self._prediction_pass, pose))
-        else:
-            self._write_prediction(pose, self._prediction_pass)
+        for believed in self._prediction_order.enter(pose.stamp, pose):
+            self._prediction_pass += believed.begins_pass
+            if self._prediction_pass > self._current.time_pass:
+                self._held.append((self._prediction_pass, believed.message))
+            else:
+                self._write_prediction(believed.message, self._prediction_pass)
 
     def _write_prediction(self, pose: Pose, time_pass: int) -> None:
         for results in (self._current, self._previous):
@@ -246,6 +257,15 @@ class Recording:
         """Set what only slam_node knows of itself."""
         self._current.writer.summary.peak_rss_mb = peak_rss_mb
         self._current.writer.summary.resets = resets
+
+    def set_verdict(self, verdict: Judgement) -> None:
+        """Set the verdict on the pass that ends with its stamp, or so far on the present one."""
+        results, previous = self._current, self._previous
+        if previous is not None and verdict.stamp == previous.last_stamp != results.last_stamp:
+            results = previous
+        is_final = verdict.stamp == results.last_stamp
+        if is_final or not results.has_final_verdict:
+            results.writer.summary.verdict = verdict
 
     def set_refused(self, refused: Mapping[str, int], first: Mapping[str, str]) -> None:
         """Set how many messages the nodes refused by word, and the stamps (s) of the first."""

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What one run amounts to: the numbers of ``summary.json``, gathered step by step."""
 
-import json
 import math
+import reprlib
 import time
 from array import array
 from collections.abc import Mapping
@@ -14,6 +14,8 @@ from typing import Any
 from vislam_ros.core.filters.quantities import GYRO_BIAS
 from vislam_ros.core.step import Row, StepTotals, estimates_of, percentile
 from vislam_ros.core.tracking.refusals import RefusalCounts
+from vislam_ros.core.verdict.reason import Judgement
+from vislam_ros.data.files.json_file import read_json
 from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import VislamError
 
@@ -40,6 +42,8 @@ class RunSummary:
         Stamp (s) of the first of them, where it has one.
     latencies_ms : array of float
         From sending features to hearing their pose, where it was measured.
+    verdict : Judgement or None
+        Whether the estimate can be trusted; None where there is no step.
     """
 
     started: float = field(default_factory=time.monotonic)
@@ -52,6 +56,7 @@ class RunSummary:
     refused: Mapping[str, int] = field(default_factory=dict)
     refused_first: Mapping[str, str] = field(default_factory=dict)
     latencies_ms: "array[float]" = field(default_factory=lambda: array("d"))
+    verdict: Judgement | None = None
     complete: bool = False
     incomplete_reason: str | None = "the run has not ended"
     _totals: StepTotals = field(default_factory=StepTotals)
@@ -95,6 +100,7 @@ class RunSummary:
             "landmarks": self.landmarks,
             "tracks": self.tracks,
             "observations": totals.observations,
+            "left_out": totals.left_out,
             "rejected_fraction": totals.rejected_fraction,
             "nis_per_dof": totals.nis_per_dof,
             "wall_s": wall_s,
@@ -109,6 +115,8 @@ class RunSummary:
             "resets": self.resets,
             "refused": dict(self.refused),
             "refused_first": dict(self.refused_first),
+            "verdict": self.verdict.word.value if self.verdict else None,
+            "verdict_reasons": list(self.verdict.reasons) if self.verdict else [],
             "complete": self.complete,
             "incomplete_reason": self.incomplete_reason,
             "estimates": estimates,
@@ -120,22 +128,41 @@ def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+_NUMBER = (int, float, type(None))
+_COUNT = (int, type(None))
+_TEXT = (str, type(None))
+# Types of what other modules read from a summary; an older one may lack some.
+_TYPES: Mapping[str, tuple[type, ...]] = {
+    **dict.fromkeys(("drive", "estimator", "incomplete_reason"), _TEXT),
+    **dict.fromkeys(("steps", "frozen_steps", "landmarks", "tracks"), _COUNT),
+    **dict.fromkeys(("observations", "left_out"), _COUNT),
+    **dict.fromkeys(("rejected_fraction", "nis_per_dof", "wall_s", "total_s", "drive_s"), _NUMBER),
+    **dict.fromkeys(("realtime_factor", "step_ms_p50", "step_ms_p99", "peak_rss_mb"), _NUMBER),
+    **dict.fromkeys(("latency_ms_p50", "latency_ms_p99"), _NUMBER),
+    "resets": _COUNT,
+    "gyro_bias": (list, type(None)),
+    "refused": (dict,),
+    "refused_first": (dict,),
+    "estimates": (dict,),
+    "complete": (bool,),
+}
+
+
 def read_summary(path: Path) -> dict[str, Any]:
     """Read ``summary.json``.
 
     Raises
     ------
     VislamError
-        Where it is missing or no JSON object.
+        Where it is missing, is no JSON object, or a value has another type than it should.
     """
-    try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise VislamError(f"{path}: cannot read this summary: {error.strerror}") from error
-    except ValueError as error:
-        raise VislamError(f"{path}: not a JSON file: {error}") from error
-    if not isinstance(summary, dict):
-        raise VislamError(f"{path}: not a summary: it must hold one JSON object")
+    summary = read_json(path, "this summary")
+    for name, kinds in _TYPES.items():
+        value = summary.get(name)
+        # True is an int to Python.
+        right = isinstance(value, kinds) and (isinstance(value, bool) <= (bool in kinds))
+        if name in summary and not right:
+            raise VislamError(f"{path}: {name} is {reprlib.repr(value)}, which it cannot be")
     return summary
 
 

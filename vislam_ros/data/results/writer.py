@@ -11,6 +11,7 @@ import io
 import json
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -22,7 +23,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.step import Row
 from vislam_ros.data.files.open_file import append, require_present
 from vislam_ros.data.files.parameter_file import write_parameters
-from vislam_ros.data.files.whole_file import replace_file
+from vislam_ros.data.files.whole_file import make_directory, remove_directories, replace_file
 from vislam_ros.data.results.landmark_map import write_landmarks, write_point_cloud
 from vislam_ros.data.results.summary import RunSummary
 from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line, tum_text
@@ -78,7 +79,8 @@ def pass_directories(directory: Path) -> list[Path]:
 class ResultWriter:
     """Writes a result directory; a context manager.
 
-    Leaving the context without :meth:`finish` marks the results as incomplete.
+    Leaving the context without :meth:`finish` marks the results as incomplete, as after an
+    interrupt; an error in it takes them away again.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ class ResultWriter:
         self._finished = False
         try:
             refuse_used(directory, force=force)
-            directory.mkdir(parents=True, exist_ok=True)
+            self._made = make_directory(directory)
             for folder in pass_directories(directory):
                 for name in OWNED_FILES:
                     (folder / name).unlink(missing_ok=True)
@@ -123,7 +125,11 @@ class ResultWriter:
             raise OutputError(
                 f"{directory}: cannot be a result directory: {error.strerror}"
             ) from error
-        self.flush()
+        try:
+            self.flush()
+        except VislamError:
+            self.discard()
+            raise
 
     def __enter__(self) -> "ResultWriter":
         return self
@@ -136,10 +142,23 @@ class ResultWriter:
     ) -> None:
         if self._finished:
             return
+        if kind and issubclass(kind, Exception):
+            self.discard()
+            return
         reason = "the run was left before its end"
         if kind:
             reason = f"{kind.__name__}: {error}".rstrip(": ")
         self.finish(complete=False, incomplete_reason=reason)
+
+    def discard(self) -> None:
+        """Remove what was written, and the directories that were made for it."""
+        self._finished = True
+        for file in self._files.values():
+            file.close()
+        with suppress(OSError):
+            for name in OWNED_FILES:
+                (self.directory / name).unlink(missing_ok=True)
+        remove_directories(self._made)
 
     def add_step(
         self,

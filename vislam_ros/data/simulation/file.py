@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.data.datasets.sparse_features import ABSENT
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.files.whole_file import refuse_existing, replace_files
 from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA, SimulatedDrive
 from vislam_ros.data.trajectory import tum_text
 from vislam_ros.errors import VislamError
@@ -68,8 +68,7 @@ def write_simulated(path: Path, simulated: SimulatedDrive, *, force: bool = Fals
                 np.lib.format.write_array(file, np.ascontiguousarray(array))
     truth = drive.ground_truth
     assert truth is not None
-    replace_file(truth_path, tum_text(truth).encode("ascii"))
-    replace_file(path, content.getvalue())
+    replace_files({truth_path: tum_text(truth).encode("ascii"), path: content.getvalue()})
     return truth_path
 
 

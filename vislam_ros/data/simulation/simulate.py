@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera, pixels_of
-from vislam_ros.core.settings import changed, setting
+from vislam_ros.core.ranges import LARGEST_PIXEL
+from vislam_ros.core.settings import LARGEST_RATE, LARGEST_WHOLE, MOST_FRAMES, changed, setting
 from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.simulation.motion import drive_poses, in_first_pose
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory, moving_steps, nanoseconds
@@ -54,22 +55,34 @@ _LOG_JUMP_STD = 0.02
 class SimulationSettings:
     """What is simulated."""
 
-    steps: int = setting(600, "Feature frames, ten a second", minimum=2)
-    landmarks: int = setting(3000, "Tracks in the whole drive", minimum=1)
+    steps: int = setting(600, "Feature frames, ten a second", minimum=2, maximum=MOST_FRAMES)
+    landmarks: int = setting(3000, "Tracks in the whole drive", minimum=1, maximum=MOST_FRAMES)
     pixel_noise_std: float = setting(
-        1.0, "White noise of each of the four pixels [px]", minimum=0.0
+        1.0, "White noise of each of the four pixels [px]", minimum=0.0, maximum=LARGEST_PIXEL
     )
     disparity_offset_std: float = setting(
-        0.0, "Error of a disparity that stays for the life of its track [px]", minimum=0.0
+        0.0,
+        "Error of a disparity that stays for the life of its track [px]",
+        minimum=0.0,
+        maximum=LARGEST_PIXEL,
     )
     velocity_noise_std: float = setting(
-        0.1, "White noise of one velocity sample on each axis [m/s]", minimum=0.0
+        0.1,
+        "White noise of one velocity sample on each axis [m/s]",
+        minimum=0.0,
+        maximum=LARGEST_RATE,
     )
     angular_velocity_noise_std: float = setting(
-        0.01, "White noise of one angular velocity sample on each axis [rad/s]", minimum=0.0
+        0.01,
+        "White noise of one angular velocity sample on each axis [rad/s]",
+        minimum=0.0,
+        maximum=LARGEST_RATE,
     )
     gyro_bias: tuple[float, float, float] = setting(
-        (0.002, 0.002, 0.002), "Constant error of the measured angular velocity [rad/s]"
+        (0.002, 0.002, 0.002),
+        "Constant error of the measured angular velocity [rad/s]",
+        minimum=-LARGEST_RATE,
+        maximum=LARGEST_RATE,
     )
     outlier_share: float = setting(
         0.03, "Share of the tracks that slide over the scene", minimum=0.0, maximum=1.0
@@ -81,7 +94,7 @@ class SimulationSettings:
         minimum=0.0,
         maximum=0.5,
     )
-    seed: int = setting(0, "Seed of everything random", minimum=0)
+    seed: int = setting(0, "Seed of everything random", minimum=0, maximum=LARGEST_WHOLE)
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from vislam_ros.data.files.parameter_file import parse_yaml
+from vislam_ros.data.files.parameter_file import read_yaml
 from vislam_ros.errors import VislamError
 
 _PATHS = ("data", "reference", "params")
@@ -53,12 +51,7 @@ def read_sweep_file(path: Path) -> SweepFile:
     VislamError
         Naming the file, the key and what it must hold.
     """
-    try:
-        content = parse_yaml(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise VislamError(f"{path}: cannot read this sweep: {error.strerror}") from error
-    except (UnicodeDecodeError, yaml.YAMLError, ValueError) as error:
-        raise VislamError(f"{path}: not YAML: {str(error).splitlines()[0]}") from error
+    content = read_yaml(path, "this sweep")
     if not isinstance(content, dict):
         raise VislamError(f"{path}: not a sweep: it must hold a mapping of {', '.join(_KEYS)}")
     if unknown := [str(key) for key in content if key not in _KEYS]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from vislam_ros.data.files.inputs import check_regular
 from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.data.sweeps.run import Row, SweepInputs
 from vislam_ros.errors import VislamError
@@ -85,6 +86,9 @@ class SweepLog:
             raise VislamError(f"{directory}: cannot hold a sweep: {error.strerror}") from error
         try:
             self._take_lock()
+            for file in (directory / IDENTITY, directory / RUNS):
+                if file.exists():
+                    check_regular(file, "this sweep")
             if force:
                 for name in SWEEP_FILES:
                     (directory / name).unlink(missing_ok=True)

@@ -9,7 +9,6 @@ from contextlib import closing
 from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.data.sweeps.log import SweepLog
 from vislam_ros.data.sweeps.plan import SweepPlan, SweepRun
-from vislam_ros.data.sweeps.plot import draw_sweep, picture_bytes
 from vislam_ros.data.sweeps.run import Row, SweepInputs, execute, row_start
 from vislam_ros.data.sweeps.table import PointResult, gather, table_csv
 from vislam_ros.data.sweeps.worker_pool import in_processes, on_dask
@@ -69,6 +68,9 @@ def sweep(
             if on_row:
                 on_row(row)
     points = gather(plan.runs, log.rows)
+    # It takes a second to import, which what cannot be read need not wait for.
+    from vislam_ros.data.sweeps.plot import draw_sweep, picture_bytes
+
     replace_file(log.directory / "table.csv", table_csv(points).encode())
     replace_file(log.directory / "sweep.png", picture_bytes(draw_sweep(plan, points)))
     return points

@@ -27,6 +27,7 @@ from rosbags.highlevel import AnyReader
 from std_srvs.srv import Trigger
 
 from vislam_ros.core.step import estimates_of
+from vislam_ros.core.verdict.reason import Judgement, Word
 from vislam_ros.data.bags.layout import (
     DIAGNOSTICS,
     GYRO_BIAS,
@@ -43,6 +44,7 @@ from vislam_ros.errors import VislamError
 from vislam_ros.nodes import conversions, recorder_node
 from vislam_ros.nodes.recorder.map_request import map_answer
 from vislam_ros.nodes.recorder_node import RecorderNode
+from vislam_ros.nodes.slam_report import verdict_values
 
 
 def test_trajectory_is_the_core_s_byte_for_byte(recorder, drive, answers, tmp_path):
@@ -223,7 +225,8 @@ def test_what_the_nodes_report_goes_into_the_summary(recorder, drive, answers, t
         conversions.status(
             "/slam_node",
             {"peak memory [MB]": 81.5, "resets": 2, "refused features_late": 4}
-            | {"first features_late [s]": "3.500000000"},
+            | {"first features_late [s]": "3.500000000"}
+            | verdict_values(Judgement(drive.stamps[-1], Word.DOUBTFUL, ("one", "two"))),
         ),
         conversions.status("/imu_prediction_node", {"refused twist_non_finite": 1}),
     ]
@@ -235,6 +238,7 @@ def test_what_the_nodes_report_goes_into_the_summary(recorder, drive, answers, t
     assert told["resets"] == 2
     assert told["refused"] == {"features_late": 4, "twist_non_finite": 1}
     assert told["refused_first"] == {"features_late": "3.500000000"}
+    assert (told["verdict"], told["verdict_reasons"]) == ("doubtful", ["one", "two"])
 
 
 def test_an_estimator_without_a_bias_leaves_none_in_the_summary(
