@@ -79,7 +79,7 @@ def test_inverted_extrinsics_are_told_at_any_noise_and_what_inverting_them_would
     (reason,) = reasons(simulated, disturbed)
     assert reason.word is Word.CONTRADICTION
     match = re.search(
-        r"by (\S+) of (\S+) px a step: .*T_body_camera inverted would fit \((\S+) px\)",
+        r"by (\S+) px in a step .* by (\S+) px: .*T_body_camera inverted would fit \((\S+) px\)",
         reason.text,
     )
     assert match

@@ -132,8 +132,8 @@ def contradictions(pairs: Sequence[StepPair], camera: StereoCamera) -> Iterator[
         words = " or ".join(f"{words} would fit ({left:.1f} px)" for words, left in readings)
         yield Reason(
             Word.CONTRADICTION,
-            f"images and twists contradict each other by {fit.mismatch:.1f} of {flow:.1f} px a "
-            f"step: {words}",
+            f"images and twists contradict each other by {fit.mismatch:.1f} px in a step that "
+            f"moves the image by {flow:.1f} px: {words}",
         )
         return
     reasons = [] if abs(late) < _STEPS_OFF else [_time_reason(late)]
@@ -146,8 +146,9 @@ def contradictions(pairs: Sequence[StepPair], camera: StereoCamera) -> Iterator[
         reasons.append(
             Reason(
                 Word.CONTRADICTION if fit.mismatch > _CONTRADICTION * flow else Word.DOUBTFUL,
-                f"images and twists contradict each other by {fit.mismatch:.1f} of {flow:.1f} px "
-                "a step, and no other reading that was tried fits: check extrinsics and twists",
+                f"images and twists contradict each other by {fit.mismatch:.1f} px in a step that "
+                f"moves the image by {flow:.1f} px, and no other reading that was tried fits: "
+                "check extrinsics and twists",
             )
         )
     yield from reasons
