@@ -139,7 +139,8 @@ def test_the_installed_slam_node_starts_with_ekf_yaml_and_answers_for_its_parame
         try:
             node = rclpy.create_node("asker", context=context)
             client = AsyncParameterClient(node, "slam_node")
-            assert client.wait_for_services(timeout_sec=30.0), output.read_text()
+            # Compiled loops are made anew in each new place.
+            assert client.wait_for_services(timeout_sec=90.0), output.read_text()
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
             # An answer is lost where the server has not yet found the asker: ask again.

@@ -10,6 +10,7 @@ import signal
 import numpy as np
 import pytest
 import threadpoolctl
+from diagnostic_msgs.msg import DiagnosticArray
 from live.node_processes import WAIT, spin_until
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
@@ -21,6 +22,7 @@ from std_srvs.srv import Trigger
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
 from vislam_ros.data.bags.layout import (
+    DIAGNOSTICS,
     EXTRINSICS,
     FEATURES,
     LEFT_CAMERA,
@@ -92,6 +94,8 @@ class Robot(Node):
         self.predicted, self.answered = set(), set()
         self.create_subscription(Odometry, PREDICTION.name, self._note(self.predicted), STREAM)
         self.create_subscription(Odometry, ODOMETRY.name, self._note(self.answered), STREAM)
+        self.taken = set()
+        self.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self._note_taken, STREAM)
         self.graph = GraphWatch(self, lambda *_: None)
 
     def _note(self, stamps):
@@ -99,6 +103,13 @@ class Robot(Node):
             stamps.add(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
 
         return note
+
+    def _note_taken(self, message):
+        for status in message.status:
+            if status.name.rpartition("/")[0] == self.get_namespace().rstrip("/"):
+                values = {entry.key: entry.value for entry in status.values}
+                topics = {key.removeprefix("received ") for key, n in values.items() if n != "0"}
+                self.taken |= topics & {TWIST.name, FEATURES.name}
 
     def _send(self, topic, number):
         self._outlets[topic].publish(self._messages[topic][number])
@@ -111,24 +122,27 @@ class Robot(Node):
         """
         self._send(EXTRINSICS, 0)
         twists, frames = self.drive.twist_stamps.tolist(), self.drive.feature_stamps.tolist()
-        sent = 0
+        while TWIST.name not in self.taken:
+            self._send(TWIST, 0)
+            yield
+        sent = 1
         for number, frame in enumerate(frames):
-            while not sent or twists[sent - 1] < frame:
-                batch = range(sent, sent + (40 if sent else 1))
+            while twists[sent - 1] < frame:
+                batch = range(sent, sent + 40)
                 for k in batch:
                     self._send(TWIST, k)
                 while twists[batch[-1]] not in self.predicted:
                     yield
-                    if not sent:
-                        self._send(TWIST, 0)
                 sent = batch.stop
-            while frame not in self.answered:
-                for topic in (LEFT_CAMERA, RIGHT_CAMERA):
-                    self._send(topic, 0)
-                self._send(FEATURES, number)
+            for topic in (LEFT_CAMERA, RIGHT_CAMERA):
+                self._send(topic, 0)
+            self._send(FEATURES, number)
+            # The first one is answered with the second, which confirms its stamp.
+            while FEATURES.name not in self.taken:
                 yield
-                while number and frame not in self.answered:
-                    yield
+                self._send(FEATURES, number)
+            while number and not self.answered.issuperset(frames[: number + 1]):
+                yield
 
 
 @pytest.fixture

@@ -31,7 +31,8 @@ def report(features=10, steps=10, refused=None, waiting=0):
         refused=refused,
         first=dict.fromkeys(refused, "1.5"),
         waiting=waiting,
-        first_waiting="9.9" if waiting else None,
+        refused_at_end={"features_no_prediction": waiting} if waiting else {},
+        first_at_end={"features_no_prediction": "9.9"} if waiting else {},
         steps=steps,
     )
 

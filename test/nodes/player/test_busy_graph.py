@@ -16,14 +16,16 @@ WINDOW = 4
 def test_a_node_that_is_busy_is_waited_for_and_not_flooded(
     processes, listen, make_player, play_in_thread, monkeypatch
 ):
-    monkeypatch.setattr(player, "STALL_SECONDS", 0.05)
-    monkeypatch.setattr(graph, "_SILENCE_SECONDS", 0.2)
+    monkeypatch.setattr(player, "STALL_SECONDS", 0.6)
+    monkeypatch.setattr(graph, "_SILENCE_SECONDS", 0.3)
     processes.start("nodes.imu_prediction_node")
     slam_node = processes.start("nodes.slam_node")
     listener = listen(topics=[FEATURES, ODOMETRY])
     features, poses = (listener.heard[topic.recorded] for topic in (FEATURES, ODOMETRY))
     wait_until(lambda: listener.count_publishers(ODOMETRY.name), "the start of slam_node")
-    report = play_in_thread(make_player(replace(FULL_SPEED, window=WINDOW, passes=2)))
+    playing = make_player(replace(FULL_SPEED, window=WINDOW, passes=2))
+    wait_until(lambda: playing.count_publishers(ODOMETRY.name), "the player's sight of slam_node")
+    report = play_in_thread(playing)
     wait_until(lambda: len(poses) > 5, "the first poses")
     slam_node.send_signal(signal.SIGSTOP)
     told = len(listener.states)

@@ -6,6 +6,7 @@ See :func:`vislam_ros.data.results.writer.pass_directory`.
 """
 
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -153,6 +154,7 @@ class Recording:
         self._record_mcap = record_mcap
         self._count = 1
         self._parameters: Mapping[str, Mapping[str, Any]] = {}
+        self._early: deque[ResultWriter] = deque(maxlen=2)  # of passes that were over before these
         self._prediction_pass = 0
         # slam_node tells of those that it refused for their stamp.
         self._prediction_order: TimeOrder[Pose] = TimeOrder(
@@ -251,7 +253,8 @@ class Recording:
     def set_parameters(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
         """Write ``params.yaml``: node, then name, then value."""
         self._parameters = parameters
-        self._current.writer.set_parameters(parameters)
+        for writer in (*self._early, self._current.writer):
+            writer.set_parameters(parameters)
 
     def set_process(self, *, peak_rss_mb: float | None, resets: int) -> None:
         """Set what only slam_node knows of itself."""
@@ -312,6 +315,7 @@ class Recording:
         )
         if self._parameters:
             self._current.writer.set_parameters(self._parameters)
+        self._early.append(self._previous.writer)
         held, self._held = self._held, []
         for time_pass, pose in held:
             if time_pass > self._current.time_pass:

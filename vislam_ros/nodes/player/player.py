@@ -50,6 +50,7 @@ PARTING_SECONDS = 0.5
 
 _STATUS_PERIOD = 1.0
 _COUNTED = (IMU, TWIST, FEATURES)
+_TIME_JUMP = NANOSECONDS  # as the nodes have it by default
 _HEADER_BYTES = 12  # what CDR itself begins with, and the stamp
 
 
@@ -81,6 +82,7 @@ class Player(Node):
         self.clock = PlaybackClock(options.rate, paused=options.start_paused)
         self._bag = bag
         self._window = FeatureWindow(self.clock.condition)
+        self._latest: dict[Topic, int] = {}  # stamp by role
         self._outlets = self._create_outlets(renamed)
         self._by_role = {outlet.role: outlet for outlet in self._outlets.values()}
         self._graph = GraphWatch(self, self._window)
@@ -212,12 +214,15 @@ class Player(Node):
         begin += self._bag.start
         before = self.report.bag_seconds
         self._window.expect()
+        self._latest.clear()
         self.clock.start(begin)
         for connection, stamp, data in messages:
             outlet = self._outlets[connection.topic]
             is_frame = outlet.role is FEATURES
             if not self.clock.wait(stamp):
                 return False
+            if self.options.rate == 0.0 and self._begins_anew(outlet.role, data):
+                self._wait_for_answers(0)
             if is_frame:
                 if self.options.rate == 0.0:
                     self._wait_for_answers(self.options.window - 1)
@@ -230,6 +235,15 @@ class Player(Node):
             if progress:
                 progress(played)
         return True
+
+    def _begins_anew(self, role: Topic | None, data: bytes) -> bool:
+        """Whether time begins anew with a message: no stream is to be a pass ahead of another."""
+        stamp = _header_stamp(data) if role in _COUNTED else None
+        if role is None or stamp is None:
+            return False
+        before = self._latest.get(role, stamp)
+        self._latest[role] = stamp
+        return stamp < before - _TIME_JUMP
 
     def _count(self, bag_seconds: float) -> None:
         self.report.messages += 1
