@@ -216,7 +216,7 @@ def test_steps_that_come_again_begin_no_pass(recorder, drive, answers, tmp_path)
         give_step(recorder, steps[k], number=len(steps) + 1 + k)
     give_map(recorder, steps[-1].stamp, landmarks)
     recorder.flush()
-    assert recorder.monitor.refused["duplicate"] == 2
+    assert recorder.monitor.refused.counts["duplicate"] == 2
     assert len((tmp_path / "run" / "trajectory.tum").read_bytes().splitlines()) == len(steps)
     assert not (tmp_path / "run" / "pass_002").exists()
 
