@@ -7,12 +7,15 @@ tools/faults.py outages drive.npz --reference truth.tum
 tools/faults.py topics
 tools/faults.py signals
 tools/faults.py files
+tools/faults.py load drive.npz
+tools/faults.py soak drive.npz
+tools/faults.py partition
 """
 
 import argparse
 import sys
 
-from reliability.commands import files, outages, signals, topics
+from reliability.commands import files, load, outages, partition, signals, soak, topics
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED
 from vislam_ros.errors import VislamError
@@ -22,6 +25,9 @@ COMMANDS = {
     "topics": topics,
     "signals": signals,
     "files": files,
+    "load": load,
+    "soak": soak,
+    "partition": partition,
 }
 
 

@@ -146,10 +146,14 @@ class RecorderNode(Node):
 
     def _add_steps(self, steps: list[_Step]) -> None:
         for pose, covariance, row, raw_row, latency_ms, number in steps:
+            first_of_pass = bool(row["first_of_pass"])
+            if not first_of_pass and self._recorded.has(number, pose.stamp):
+                self.monitor.refuse(Refusal.DUPLICATE, stamp=pose.stamp)
+                continue
             if not (self._recorded.count or self._has_player()) and number > 1:
                 self._ledger.join()
             self.recording.add_step(pose, covariance, row, raw_row, latency_ms=latency_ms)
-            self._recorded.add(number)
+            self._recorded.add(number, pose.stamp, first_of_pass=first_of_pass)
             self._steps += 1
             self._last_progress = time.monotonic()
             self._query.ask()

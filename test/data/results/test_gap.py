@@ -11,7 +11,7 @@ from vislam_ros.data.results.completeness import Ledger, NodeReport, RecordedSte
 def recorded(*numbers):
     steps = RecordedSteps()
     for number in numbers:
-        steps.add(number)
+        steps.add(number, number)
     return steps
 
 
@@ -102,3 +102,12 @@ def test_a_first_report_after_the_beginning_is_what_was_before():
 def test_without_a_step_or_a_report_there_is_a_reason():
     assert "not one step" in ledger_of(report(0, 0)).gap(RecordedSteps(), to_the_end=False)
     assert Ledger().gap(WHOLE, to_the_end=True) == "slam_node has told nothing of itself"
+
+
+def test_a_step_is_known_again_until_the_next_pass_begins():
+    steps = recorded(1, 2, 3)
+    assert steps.has(3, 3)
+    assert steps.has(2, 2)
+    assert not steps.has(3, 4)
+    steps.add(1, 1, first_of_pass=True)
+    assert not steps.has(3, 3)

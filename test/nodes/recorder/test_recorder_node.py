@@ -209,6 +209,18 @@ def test_the_map_of_a_pass_may_come_after_the_next_one_has_begun(
     assert summary(tmp_path / "run" / "pass_002")["complete"] is False
 
 
+def test_steps_that_come_again_begin_no_pass(recorder, drive, answers, tmp_path):
+    steps, landmarks = answers
+    give_drive(recorder, drive, answers)
+    for k in (-2, -1):
+        give_step(recorder, steps[k], number=len(steps) + 1 + k)
+    give_map(recorder, steps[-1].stamp, landmarks)
+    recorder.flush()
+    assert recorder.monitor.refused.counts["duplicate"] == 2
+    assert len((tmp_path / "run" / "trajectory.tum").read_bytes().splitlines()) == len(steps)
+    assert not (tmp_path / "run" / "pass_002").exists()
+
+
 def test_a_reset_begins_a_new_directory(recorder, drive, answers, tmp_path):
     steps, _ = answers
     for k, step in enumerate(steps):

@@ -120,9 +120,15 @@ class NodeReport:
         return came - self.steps - self.features_refused - self.waiting
 
 
+# Far more than are taken before the publisher hears of it.
+_LATELY = 1000
+
+
 @dataclass
 class RecordedSteps:
     """Counts the steps of a recording by the numbers that slam_node gives them.
+
+    DDS sends anew what it does not know was taken, to a node that it had taken for gone.
 
     Attributes
     ----------
@@ -136,9 +142,19 @@ class RecordedSteps:
     count: int = 0
     missing: int = 0
     last: int | None = None
+    _lately: dict[tuple[int, int], None] = field(default_factory=dict)
 
-    def add(self, number: int) -> None:
-        """Count a step; numbers begin anew with a new slam_node."""
+    def has(self, number: int, stamp: int) -> bool:
+        """Whether a step with this stamp (ns) was counted lately."""
+        return (number, stamp) in self._lately
+
+    def add(self, number: int, stamp: int, *, first_of_pass: bool = False) -> None:
+        """Count a step; numbers begin anew with a new slam_node, which begins a pass."""
+        if first_of_pass:
+            self._lately.clear()
+        self._lately[number, stamp] = None
+        if len(self._lately) > _LATELY:
+            del self._lately[next(iter(self._lately))]
         if self.last is not None and number > self.last:
             self.missing += number - self.last - 1
         self.count += 1

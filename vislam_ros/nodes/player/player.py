@@ -20,6 +20,7 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
@@ -147,7 +148,7 @@ class Player(Node):
             report.untaken = {outlet.name: outlet.untaken for outlet in outlets if outlet.untaken}
             report.state = "interrupted" if self.clock.interrupted else "finished"
             self.publish_status()
-            self._status.wait_for_all_acked(Duration(seconds=PARTING_SECONDS))
+            self._part()
         return report
 
     def publish_status(self) -> None:
@@ -299,13 +300,24 @@ class Player(Node):
 
     def _deliver(self) -> bool:
         """Wait until all messages are acknowledged; whether they are."""
-        patience = PARTING_SECONDS if self.clock.interrupted else DELIVERY_SECONDS
-        end = time.monotonic() + patience
-        for outlet in self._outlets.values():
-            while not outlet.publisher.wait_for_all_acked(Duration(seconds=0.1)):
-                if time.monotonic() > end:
+        return self._are_taken([outlet.publisher for outlet in self._outlets.values()])
+
+    def _part(self) -> None:
+        """Wait until the last word is taken: a recorder that misses it waits for ever.
+
+        The network between the two may be down just now.
+        """
+        self._are_taken([self._status])
+
+    def _are_taken(self, publishers: Iterable[Publisher]) -> bool:
+        began = time.monotonic()
+        for publisher in publishers:
+            while not publisher.wait_for_all_acked(Duration(seconds=0.1)):
+                patience = PARTING_SECONDS if self.clock.interrupted else DELIVERY_SECONDS
+                if time.monotonic() > began + patience:
                     self.get_logger().warning(
-                        f"{outlet.name}: a subscriber has not taken all messages in {patience:g} s"
+                        f"{publisher.topic_name}: a subscriber has not taken all messages in "
+                        f"{patience:g} s"
                     )
                     return False
         return True
