@@ -16,8 +16,8 @@ WINDOW = 4
 def test_a_node_that_is_busy_is_waited_for_and_not_flooded(
     processes, listen, make_player, play_in_thread, monkeypatch
 ):
-    monkeypatch.setattr(player, "STALL_SECONDS", 0.6)
-    monkeypatch.setattr(graph, "_SILENCE_SECONDS", 0.3)
+    monkeypatch.setattr(player, "STALL_SECONDS", 2.0)
+    monkeypatch.setattr(graph, "_SILENCE_SECONDS", 1.5)
     processes.start("nodes.imu_prediction_node")
     slam_node = processes.start("nodes.slam_node")
     listener = listen(topics=[FEATURES, ODOMETRY])
@@ -29,7 +29,7 @@ def test_a_node_that_is_busy_is_waited_for_and_not_flooded(
     wait_until(lambda: len(poses) > 5, "the first poses")
     slam_node.send_signal(signal.SIGSTOP)
     told = len(listener.states)
-    wait_until(lambda: len(listener.states) > told + 2, "the player's reports of two seconds")
+    wait_until(lambda: len(listener.states) > told + 4, "the player's reports of four seconds")
     assert len(features) <= len(poses) + WINDOW + 1
     slam_node.send_signal(signal.SIGCONT)
     assert report().state == "finished"
