@@ -38,7 +38,7 @@ class Campaign:
         self._target = target
         self._folder = folder
         self._file = folder / target.file
-        self._finds = finds
+        self.finds = finds
         self._report = finds / f"{target.name}.json"
         self._executions = self._read = 0
         self._slowest = 0.0
@@ -99,7 +99,7 @@ class Campaign:
             self._kinds[key]["count"] += 1
             return
         name = f"{self._target.name}_{hashlib.sha256(data).hexdigest()[:12]}"
-        (self._finds / name).write_bytes(data)
+        (self.finds / name).write_bytes(data)
         self._kinds[key] = {"count": 1, "file": name, "what": what}
         self.report()
 
@@ -123,6 +123,7 @@ def fuzz(target: Target, campaign: Campaign, corpus: Path, executions: int, seco
         "-timeout=60",
         "-rss_limit_mb=4000",
         "-print_final_stats=1",
+        f"-artifact_prefix={campaign.finds}/",
         str(corpus),
     ]
     arguments: dict[str, Callable[..., bytes]] = {}
