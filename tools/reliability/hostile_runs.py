@@ -79,6 +79,8 @@ def run(case: Case) -> Outcome:
         arguments = [word.replace(OUT, str(place / "out")) for word in case.arguments]
         log = Path(scratch) / "stderr"
         begin = time.monotonic()
+        # What measures coverage writes files of its own.
+        environment = {k: v for k, v in os.environ.items() if not k.startswith("COVERAGE_")}
         with log.open("wb") as errors, Path(case.stdout).open("wb") as output:
             process = subprocess.Popen(
                 [sys.executable, "-m", "vislam_ros.cli.main", *arguments],
@@ -86,6 +88,7 @@ def run(case: Case) -> Outcome:
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=errors,
+                env=environment,
                 preexec_fn=_limiting(case),
                 start_new_session=True,
             )

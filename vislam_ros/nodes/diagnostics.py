@@ -113,11 +113,12 @@ class Monitor:
         callback : callable
             Called with the message and, ``with_data``, with its CDR bytes.
         with_data : bool
+            Of whoever records: topics stay in step.
         """
         self._received[topic.name] = 0
         self._callbacks[topic.name] = callback if with_data else lambda msg, _data: callback(msg)
         self._inputs[topic.name] = MatchingSubscription(
-            self._node, topic, functools.partial(self.take, topic)
+            self._node, topic, functools.partial(self.take, topic), in_step=with_data
         )
 
     def take(self, topic: Topic, data: bytes) -> None:

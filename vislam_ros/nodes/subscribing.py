@@ -69,6 +69,8 @@ class MatchingSubscription:
     topic : Topic
     callback : callable
         Called with the bytes of each message.
+    in_step : bool, optional
+        Whether to take one message at a time, so that topics stay as they were sent.
 
     Raises
     ------
@@ -76,10 +78,18 @@ class MatchingSubscription:
         Where an override of the quality of service is none.
     """
 
-    def __init__(self, node: Node, topic: Topic, callback: Callable[[bytes], None]):
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        callback: Callable[[bytes], None],
+        *,
+        in_step: bool = False,
+    ):
         self._node = node
         self._topic = topic
         self._callback = callback
+        self._at_once = 1 if in_step else _AT_ONCE
         self._second: Subscription | None = None
         with qos_overrides(topic.name) as overrides:
             self._first = self._open(qos_profile(topic.qos), self._hear_first, overrides)
@@ -109,7 +119,7 @@ class MatchingSubscription:
 
     def _hear_first(self, data: bytes) -> None:
         self._callback(data)
-        for _ in range(_AT_ONCE - 1):
+        for _ in range(self._at_once - 1):
             with self._first.handle:
                 taken = self._first.handle.take_message(self._first.msg_type, self._first.raw)
             if taken is None:

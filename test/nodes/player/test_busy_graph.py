@@ -17,7 +17,7 @@ def test_a_node_that_is_busy_is_waited_for_and_not_flooded(
     processes, listen, make_player, play_in_thread, monkeypatch
 ):
     monkeypatch.setattr(player, "STALL_SECONDS", 2.0)
-    monkeypatch.setattr(graph, "_SILENCE_SECONDS", 1.5)
+    monkeypatch.setattr(graph, "_SILENCE_SECONDS", 0.3)
     processes.start("nodes.imu_prediction_node")
     slam_node = processes.start("nodes.slam_node")
     listener = listen(topics=[FEATURES, ODOMETRY])
