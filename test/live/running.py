@@ -21,7 +21,10 @@ class Run:
     """A ``vislam run`` whose children can be told from all other processes by its directory."""
 
     def __init__(self, data: Path, out: Path, *flags: str, **options: Any):
-        environment = {k: v for k, v in os.environ.items() if k != "ROS_DOMAIN_ID"}
+        unwanted = (
+            ("ROS_DOMAIN_ID",) if options.pop("measured", True) else ("ROS_DOMAIN_ID", "COV")
+        )
+        environment = {k: v for k, v in os.environ.items() if not k.startswith(unwanted)}
         environment.update(options.pop("environment", {}))
         self.out = out
         self.process = subprocess.Popen(
