@@ -5,15 +5,19 @@
 import itertools
 import json
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from rclpy.node import Node
 
-from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import KINDS, Row, SlamStep, StepTotals
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.core.verdict.reason import Judgement, Word
 from vislam_ros.data.results.summary import peak_rss_mb
 from vislam_ros.nodes.diagnostics import stamp_age, values_if_over
+
+if TYPE_CHECKING:
+    # The recorder reads what is told here, and has no use for the estimators.
+    from vislam_ros.core.slam import Slam
 
 _ROW, _LATENCY = "row", "latency_ms"
 _NUMBER = "number"
@@ -91,7 +95,7 @@ def verdict_from_values(values: Mapping[str, str], which: str = PRESENT) -> Judg
 class SlamReport:
     """Gathers steps for /diagnostics."""
 
-    def __init__(self, node: Node, core: Slam):
+    def __init__(self, node: Node, core: "Slam"):
         self._node = node
         self._core = core
         self._total = 0
