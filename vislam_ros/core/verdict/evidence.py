@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.compiled import compiled
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.motion import Increment
+from vislam_ros.core.tracking.tracks import indices_of
 from vislam_ros.core.verdict.image_motion import FEWEST_POINTS, ImageMotion, image_motion
 
 Array = NDArray[np.float64]
@@ -232,10 +232,6 @@ class Evidence:
             self._kept *= 2
 
 
-@compiled(
-    "Tuple((float64[:, ::1], float64[:, ::1], int64, int64))(uint32[:], float32[:, :],"
-    " uint32[:], float32[:, :])"
-)
 def _common_points(
     ids_before: NDArray[np.uint32],
     before: NDArray[np.float32],
@@ -246,39 +242,21 @@ def _common_points(
 
     With them come the numbers of those whose disparity is clearly positive, and negative.
     """
-    order = np.argsort(ids_before)
-    places = np.empty(len(ids_after), dtype=np.int64)
-    found = 0
-    for i in range(len(ids_after)):
-        low, high = 0, len(order)
-        while low < high:
-            middle = (low + high) // 2
-            if ids_before[order[middle]] < ids_after[i]:
-                low = middle + 1
-            else:
-                high = middle
-        there = low < len(order) and ids_before[order[low]] == ids_after[i]
-        places[i] = order[low] if there else -1
-        found += there
-    n = min(found, _MOST_POINTS)
-    points_before, points_after = np.empty((n, 3)), np.empty((n, 3))
-    positive = negative = taken = seen = 0
-    for i in range(len(ids_after)):
-        if places[i] < 0:
-            continue
-        if taken < n and seen * n >= taken * found:
-            for points, pixels in (
-                (points_before[taken], before[places[i]]),
-                (points_after[taken], after[i]),
-            ):
-                points[0], points[1] = pixels[0], pixels[2]
-                points[2] = 0.5 * (pixels[1] + pixels[3])
-            disparity = points_after[taken, 0] - points_after[taken, 1]
-            positive += disparity > _CLEAR_DISPARITY
-            negative += disparity < -_CLEAR_DISPARITY
-            taken += 1
-        seen += 1
-    return points_before[:taken], points_after[:taken], positive, negative
+    places = indices_of(ids_after.astype(np.int64), ids_before.astype(np.int64))
+    (common,) = np.nonzero(places >= 0)
+    n = min(len(common), _MOST_POINTS)
+    if n < len(common):
+        common = common[-(-np.arange(n) * len(common) // n)]  # rounded up
+    points_before, points_after = _points(before[places[common]]), _points(after[common])
+    disparity = points_after[:, 0] - points_after[:, 1]
+    positive, negative = disparity > _CLEAR_DISPARITY, disparity < -_CLEAR_DISPARITY
+    return points_before, points_after, int(positive.sum()), int(negative.sum())
+
+
+def _points(pixels: NDArray[np.float32]) -> Array:
+    """``(u_left, u_right, v)`` (n, 3) of pixels (n, 4)."""
+    rows = 0.5 * (pixels[:, 1] + pixels[:, 3])
+    return np.stack([pixels[:, 0], pixels[:, 2], rows], axis=-1).astype(float)
 
 
 def _twist_of(increment: Increment) -> Array:
