@@ -48,7 +48,7 @@ class Monitor:
     describe : callable
         Gives, for the next report, what the node is doing in a few words and its own values.
     warn : callable, optional
-        Tells what is wrong with that, if anything is.
+        Tells what is wrong, if anything is; asked just before ``describe``.
 
     Attributes
     ----------
@@ -69,7 +69,6 @@ class Monitor:
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
         self._absorbed: dict[str, Counter[str]] = {}
-        self._warnings: list[str] = []
         self._last_report = time.monotonic()
         self._last_received = self._received.copy()
         self._last_refused = 0
@@ -192,10 +191,6 @@ class Monitor:
         counts.add(stream, refusal, stamp)
         self._merge(counts, detail)
 
-    def warn(self, text: str) -> None:
-        """Make the next report a warning that says this."""
-        self._warnings.append(text)
-
     def absorb(self, source: str, refused: RefusalCounts) -> None:
         """Take over what a part of the core, known by a name, has counted since the last call."""
         absorbed = self._absorbed.setdefault(source, Counter())
@@ -252,6 +247,7 @@ class Monitor:
         for topic, subscription in self._inputs.items():
             if heard_as := subscription.heard_as():
                 values[f"heard {topic}"] = heard_as
+        warning = self._warn()
         message, own_values = self._describe()
         values.update(own_values)
         self._subscribers = self._count_subscribers()
@@ -262,15 +258,12 @@ class Monitor:
         status = conversions.status(self._node.get_fully_qualified_name(), values)
         total = self.refused.counts.total()
         newly_refused = total - self._last_refused
-        if warning := self._warn():
-            self.warn(warning)
-        for publisher in self._unheard:
-            self.warn(f"cannot hear {publisher}")
+        warnings = [warning] if warning else []
+        warnings += [f"cannot hear {publisher}" for publisher in self._unheard]
         if newly_refused:
-            self.warn(f"{newly_refused} message(s) refused")
-        status.level = DiagnosticStatus.WARN if self._warnings else DiagnosticStatus.OK
-        status.message = "; ".join([message, *self._warnings])
-        self._warnings = []
+            warnings.append(f"{newly_refused} message(s) refused")
+        status.level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
+        status.message = "; ".join([message, *warnings])
         stamp = self._node.get_clock().now().to_msg()
         self.publish(self._publisher, conversions.status_array(stamp, [status]))
         self._last_report, self._last_refused = now, total

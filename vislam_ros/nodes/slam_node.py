@@ -238,8 +238,6 @@ class SlamNode(Node):
             activity = "waiting for features and predictions"
         else:
             activity = "running"
-        if left_out := self._report.recently_left_out:
-            self.monitor.warn(f"{left_out} observations left out by max_active")
         return activity, self._report.values()
 
 

@@ -117,11 +117,6 @@ class SlamReport:
         self._recent.add(row)
         self._last = step
 
-    @property
-    def recently_left_out(self) -> int:
-        """Observations that there was no room for since the values were told last."""
-        return self._recent.left_out
-
     def values(self) -> dict[str, object]:
         """Values since the last call and in all."""
         recent, self._recent = self._recent, StepTotals()
@@ -155,7 +150,13 @@ class SlamReport:
         return values
 
     def warning(self) -> str | None:
-        """What is wrong at present, logged when it begins and when it ends."""
+        """What is wrong at present, or was since the values were told last."""
+        left_out = self._recent.left_out
+        crowd = f"{left_out} observations left out by max_active" if left_out else None
+        return "; ".join(filter(None, (crowd, self._contradiction()))) or None
+
+    def _contradiction(self) -> str | None:
+        """What the verdict says at present, logged when it begins and when it ends."""
         judgement = self._core.present_verdict()
         if judgement is None or judgement.word is Word.GOOD:
             if self._warned:
