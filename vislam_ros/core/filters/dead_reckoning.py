@@ -88,7 +88,7 @@ class DeadReckoning:
         Returns
         -------
         list of Prediction
-            None where the twist is refused, which ``refused`` counts, or held until the next one
+            Empty where the twist is refused, which ``refused`` counts, or held until the next one
             confirms its stamp, as the first is; see :mod:`vislam_ros.core.tracking.time_order`.
         """
         twist = np.asarray(twist, dtype=float)

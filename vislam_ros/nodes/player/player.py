@@ -24,6 +24,7 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
+from vislam_ros.core.settings import MotionSettings
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
 from vislam_ros.data.bags.decoding import stamp_of
@@ -50,7 +51,7 @@ PARTING_SECONDS = 0.5
 
 _STATUS_PERIOD = 1.0
 _COUNTED = (IMU, TWIST, FEATURES)
-_TIME_JUMP = NANOSECONDS  # as the nodes have it by default
+_TIME_JUMP = round(MotionSettings.time_jump * NANOSECONDS)  # as the nodes have it by default
 _HEADER_BYTES = 12  # what CDR itself begins with, and the stamp
 
 
