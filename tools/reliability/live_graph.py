@@ -17,8 +17,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from vislam_ros.cli.domain import own_domain
-from vislam_ros.cli.parameters import shared_file
+from vislam_ros.cli.domain import local_graph, own_domain
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import DIAGNOSTICS, ODOMETRY, PREDICTION, Topic
 from vislam_ros.errors import VislamError
@@ -130,10 +129,8 @@ def live_graph(nodes: Sequence[str], topics: Sequence[Topic]) -> Iterator[Talker
     VislamError
         Where they do not come together.
     """
-    profiles = shared_file("fastdds.xml")
-    if profiles is not None:
-        os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    for name, value in local_graph().items():
+        os.environ.setdefault(name, value)
     with own_domain() as domain, _processes(nodes, domain):
         context = Context()
         rclpy.init(context=context, domain_id=domain)

@@ -1,18 +1,31 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS domain of its own for a run, so that runs beside each other never meet."""
+"""Where the processes of a graph meet: on this machine, and on a domain of their own.
+
+So runs beside each other never meet.
+"""
 
 import os
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from vislam_ros.cli.parameters import shared_file
 from vislam_ros.errors import VislamError
 
 # Above 101 the ports of a domain lie among those that Linux hands out by itself.
 _DOMAINS = 101
 # DDS-RTPS 9.6.1: unicast discovery port of the first participant of a domain.
 _FIRST_PORT, _PORTS_OF_A_DOMAIN = 7410, 250
+
+
+def local_graph() -> dict[str, str]:
+    """Environment of processes that meet on this machine alone, with this package's Fast DDS."""
+    profiles = shared_file("fastdds.xml")
+    return {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        **({"FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles)} if profiles else {}),
+    }
 
 
 @contextmanager

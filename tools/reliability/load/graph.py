@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from vislam_ros.cli.commands.run import NODES
-from vislam_ros.cli.domain import own_domain
+from vislam_ros.cli.domain import local_graph, own_domain
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.parameters import shared_file
 from vislam_ros.cli.processes import Child, Children
-from vislam_ros.data.results.summary import RunSummary, read_summary
+from vislam_ros.data.results.summary import has_ended, read_summary
 from vislam_ros.errors import VislamError
 
 START_SECONDS = 60.0
@@ -112,9 +112,7 @@ class Graph:
     def is_settled(self) -> bool:
         """Whether the recorder has said how the run ended."""
         summary = self.summary()
-        return bool(summary) and (
-            summary["complete"] or summary["incomplete_reason"] != RunSummary.incomplete_reason
-        )
+        return bool(summary) and has_ended(summary)
 
     def end(self) -> None:
         """End all processes, the recorder last."""
@@ -139,15 +137,4 @@ def running_graph(
 def local_environment() -> Iterator[dict[str, str]]:
     """Environment of processes that meet on this machine and on a domain of their own."""
     with own_domain() as domain:
-        yield {
-            **os.environ,
-            **prompt_profiles(),
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }
-
-
-def prompt_profiles() -> dict[str, str]:
-    """The settings of Fast DDS that ``vislam run`` uses."""
-    profiles = shared_file("fastdds.xml")
-    return {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles)} if profiles else {}
+        yield {**os.environ, **local_graph(), "ROS_DOMAIN_ID": str(domain)}

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from reliability.load.graph import prompt_profiles
+from vislam_ros.cli.domain import local_graph
 from vislam_ros.errors import VislamError
 
 _HUB = "hub"
@@ -45,7 +45,7 @@ class Network:
         self.namespaces = {member: _name(member) for member in members}
         self.environment = {
             **os.environ,
-            **prompt_profiles(),
+            **local_graph(),
             "ROS_DOMAIN_ID": "0",
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
             "ROS_DISCOVERY_SERVER": f"{_SERVER}:{_PORT}",

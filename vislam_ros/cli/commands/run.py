@@ -19,11 +19,11 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
-from vislam_ros.cli.domain import own_domain
+from vislam_ros.cli.domain import local_graph, own_domain
 from vislam_ros.cli.ending import PassResults, print_passes, require_complete
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.lines import tell
-from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters, shared_file
+from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
 from vislam_ros.cli.played_bag import PlayedBag, renamed_topics
 from vislam_ros.cli.processes import Child, Children
 from vislam_ros.cli.reading import conventions, print_notes, use_format
@@ -35,7 +35,7 @@ from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.parameter_file import write_parameters
 from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.data.results.recording import STOPPED, map_patience
-from vislam_ros.data.results.summary import RunSummary, read_summary
+from vislam_ros.data.results.summary import has_ended, read_summary
 from vislam_ros.data.results.writer import pass_directories, refuse_used
 from vislam_ros.errors import OutputError, VislamError
 
@@ -186,13 +186,7 @@ def _run_graph(
 @contextmanager
 def _ros_environment(log_folder: Path) -> Iterator[dict[str, str]]:
     """Environment of the children: on a domain and a machine of their own unless told."""
-    profiles = shared_file("fastdds.xml")
-    environment = {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_LOG_DIR": str(log_folder / "ros"),
-        **({"FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles)} if profiles else {}),
-        **os.environ,
-    }
+    environment = {**local_graph(), "ROS_LOG_DIR": str(log_folder / "ros"), **os.environ}
     given = environment.get("ROS_DOMAIN_ID")
     with nullcontext(given) if given else own_domain() as domain:
         yield {**environment, "ROS_DOMAIN_ID": str(domain)}
@@ -255,7 +249,7 @@ def _watch(
             update(steps, f"{newest['landmarks'] or 0} landmarks")
             if str(newest["incomplete_reason"]).startswith(STOPPED):
                 raise VislamError("recorder_node was told to end")
-            if _is_settled(newest):
+            if has_ended(newest):
                 looks_since_the_end += _LOOKS_A_SUMMARY
                 if (
                     player.exit_code == OK
@@ -279,11 +273,6 @@ def _summaries(results: Path) -> list[PassResults]:
     return summaries
 
 
-def _is_settled(newest: Mapping[str, Any]) -> bool:
-    """Whether the newest pass has ended; one that begins is there before the last one ends."""
-    return bool(newest["complete"] or newest["incomplete_reason"] != RunSummary.incomplete_reason)
-
-
 def _end_summaries(
     results: Path, started: float, drive: str, error: BaseException | None
 ) -> list[PassResults]:
@@ -295,7 +284,7 @@ def _end_summaries(
     ]
     if error is not None and ended and not ended[-1][1]["complete"]:
         directory, newest = ended[-1]
-        if not _is_settled(newest):  # a killed recorder: its rows are there, and its count is old
+        if not has_ended(newest):  # a killed recorder: its rows are there, and its count is old
             newest["steps"] = _count_poses(directory)
         reason = _INTERRUPTED if isinstance(error, KeyboardInterrupt) else str(error)
         newest["incomplete_reason"] = reason

@@ -166,6 +166,13 @@ def read_summary(path: Path) -> dict[str, Any]:
     return summary
 
 
+def has_ended(summary: Mapping[str, Any]) -> bool:
+    """Whether whoever writes a summary has said how the run ended."""
+    return bool(
+        summary["complete"] or summary["incomplete_reason"] != RunSummary.incomplete_reason
+    )
+
+
 def peak_rss_mb(process: int | str = "self") -> float | None:
     """Most memory that a running process ever held, megabytes; None where Linux cannot tell."""
     try:
