@@ -9,7 +9,6 @@ machine disturb them less; what is compared is measured in turn.
 
 import argparse
 import dataclasses
-import json
 import os
 import sys
 import tempfile
@@ -35,7 +34,8 @@ from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.core.filters.registry import estimator_named, estimator_names
 from vislam_ros.core.filters.settings import ObservationSettings
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.files.json_file import write_json
+from vislam_ros.data.files.whole_file import refuse_existing
 from vislam_ros.data.loading import load_drive
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
@@ -241,9 +241,8 @@ def main(argv: list[str] | None = None) -> int:
     try:
         refuse_existing(arguments.out, force=arguments.force)
         report = measure(arguments)
-        content = json.dumps(report, indent=2) + "\n"
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(arguments.out, content.encode("utf-8"))
+        write_json(arguments.out, report)
     except VislamError as error:
         print(f"error: {error}", file=sys.stderr)
         return FAILED

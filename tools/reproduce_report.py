@@ -9,7 +9,6 @@ tools/reproduce_report.py drive.npz --reference truth.tum --out results/report -
 
 import argparse
 import dataclasses
-import json
 import sys
 from pathlib import Path
 
@@ -27,6 +26,7 @@ from vislam_ros.cli.reading import read_input
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.reader import DEFAULT_RULES
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.files.json_file import write_json
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 from vislam_ros.data.sweeps.plot import picture_bytes
@@ -95,8 +95,7 @@ def reproduce(arguments: argparse.Namespace) -> None:
         replace_file(arguments.out / f"{name}.png", picture)
         print(arguments.out / f"{name}.png")
     numbers = {name: results[name].figures(reference) for name in SHOWN}
-    content = json.dumps({"drive": drive.name, "experiments": numbers}, indent=2) + "\n"
-    replace_file(arguments.out / "report.json", content.encode())
+    write_json(arguments.out / "report.json", {"drive": drive.name, "experiments": numbers})
 
 
 def main() -> int:

@@ -13,7 +13,6 @@ goes on where it was left. DIR holds rows of all trials, sensitivity.json and ta
 """
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Mapping
@@ -30,6 +29,7 @@ from benchmark.sensitivity.trials import TrialSettings, run_trial, trials_of
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
 from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.cli.screen import progress_bar
+from vislam_ros.data.files.json_file import write_json
 from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.data.sweeps.log import SweepLog
 from vislam_ros.data.sweeps.run import Row
@@ -98,8 +98,7 @@ def _write(
         "cpu_s": sum(row.get("cpu_s", 0.0) for row in rows.values()),
         "results": results,
     }
-    content = json.dumps(report, indent=2) + "\n"
-    replace_file(directory / "sensitivity.json", content.encode("utf-8"))
+    write_json(directory / "sensitivity.json", report)
     replace_file(directory / "table.md", markdown(results).encode("utf-8"))
 
 

@@ -8,11 +8,11 @@ tools/verdicts.py drive.npz --only none "velocity x 2" --out results/verdicts.js
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
 from reliability.disturbances import DISTURBANCES
+from reliability.output import add_output, write_output
 from reliability.verdicts import (
     FRACTIONS,
     PARTS,
@@ -24,7 +24,7 @@ from reliability.verdicts import (
 )
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
-from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.files.whole_file import refuse_existing
 from vislam_ros.data.loading import load_drive
 from vislam_ros.errors import VislamError
 
@@ -42,9 +42,7 @@ def measure(arguments: argparse.Namespace) -> list[VerdictRow]:
     for row in measure_verdicts(drives, tasks):
         rows[row.trial] = row
         print(f"{len(rows)} of {len(tasks)}", end="\r", file=sys.stderr)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    content = [rows[task].as_dict() for task in tasks]
-    replace_file(arguments.out, (json.dumps(content, indent=1) + "\n").encode())
+    write_output(arguments.out, [rows[task].as_dict() for task in tasks])
     return [rows[task] for task in tasks]
 
 
@@ -111,8 +109,7 @@ def main() -> int:
     add("--only", nargs="+", choices=everything, default=everything, metavar="DISTURBANCE")
     add("--parts", nargs="+", choices=PARTS, default=PARTS, help="of each drive (both)")
     add("--no-simulation", action="store_true", help="leave the simulated drives out")
-    add("--out", type=Path, default=OUT, metavar="FILE", help=f"({OUT})")
-    add("--force", action="store_true", help="replace FILE")
+    add_output(parser, OUT)
     try:
         print_tables(measure(parser.parse_args()))
     except VislamError as error:

@@ -7,7 +7,6 @@ tools/faults.py load drive.npz --features 30 120 500 --rates 10 30 --seconds 3
 """
 
 import argparse
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -19,6 +18,7 @@ from reliability.load.curve import CurvePoint, largest_rates, measure_features
 from reliability.load.latency import Percentiles, hops
 from reliability.load.pictures import draw_curve
 from reliability.load.play import play_heard
+from reliability.output import add_output, write_output
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
@@ -36,8 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--rates", nargs="+", type=float, default=_RATES, help="frames a second")
     add("--seconds", type=float, default=5.0, help="of each point of the curve (5)")
     add("--drive-seconds", type=float, default=30.0, help="of DATA (30)")
-    add("--out", type=Path, default=_OUT, metavar="FILE", help=f"with a .png beside it ({_OUT})")
-    add("--force", action="store_true", help="replace FILE")
+    add_output(parser, _OUT, "with a .png beside it")
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -60,8 +59,7 @@ def run_command(arguments: argparse.Namespace) -> int:
             points += measure_features(features, arguments.rates, arguments.seconds, Path(scratch))
             print(f"{features} features", end="\r", file=sys.stderr)
     content["curve"] = [point.as_dict() for point in points]
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(arguments.out, (json.dumps(content, indent=1) + "\n").encode())
+    write_output(arguments.out, content)
     if points:
         replace_file(picture, draw_curve(points))
         print_curve(points)

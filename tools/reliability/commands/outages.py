@@ -7,17 +7,17 @@ tools/faults.py outages drive.npz --reference truth.tum --seconds 2 --places 3
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
 from reliability.outages import KINDS, OutageRow, measure_outages, outages
+from reliability.output import add_output, write_output
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings
-from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.files.whole_file import refuse_existing
 from vislam_ros.data.loading import load_drive
 from vislam_ros.data.trajectory import read_tum
 
@@ -31,8 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--reference", type=Path, required=True, metavar="REF.tum")
     add("--seconds", type=float, nargs="+", default=[1.0, 2.0, 5.0], help="of each hole (1 2 5)")
     add("--places", type=int, default=10, help="where holes begin, spread over the drive (10)")
-    add("--out", type=Path, default=_OUT, metavar="FILE", help=f"({_OUT})")
-    add("--force", action="store_true", help="replace FILE")
+    add_output(parser, _OUT)
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -46,9 +45,7 @@ def run_command(arguments: argparse.Namespace) -> int:
     ):
         rows[row.outage] = row
         print(f"{len(rows)} of {len(tasks)}", end="\r", file=sys.stderr)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    content = [rows[task].as_dict() for task in tasks]
-    replace_file(arguments.out, (json.dumps(content, indent=1) + "\n").encode())
+    write_output(arguments.out, [rows[task].as_dict() for task in tasks])
     print_table([rows[task] for task in tasks])
     return OK
 

@@ -7,7 +7,6 @@ tools/faults.py partition --members player --seconds 3 --rates 1
 """
 
 import argparse
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -20,9 +19,10 @@ from reliability.load.partition import (
     measure_partition,
     partitions,
 )
+from reliability.output import add_output, write_output
 from vislam_ros.cli.exit_codes import FAILED, OK
 from vislam_ros.data.bags.writer import write_bag
-from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.files.whole_file import refuse_existing
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 
 _OUT = Path("results") / "partition.json"
@@ -42,8 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[0.3, 0.9],
         help="shares of the poses after which it breaks (0.3 0.9)",
     )
-    add("--out", type=Path, default=_OUT, metavar="FILE", help=f"({_OUT})")
-    add("--force", action="store_true", help="replace FILE")
+    add_output(parser, _OUT)
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -66,9 +65,7 @@ def run_command(arguments: argparse.Namespace) -> int:
                 if rows[-1].outcome != "whole":
                     print(f"{rows[-1].outcome}: {rows[-1]}", file=sys.stderr)
     finally:  # also after Ctrl-C
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        content = json.dumps([row.as_dict() for row in rows], indent=1) + "\n"
-        replace_file(arguments.out, content.encode())
+        write_output(arguments.out, [row.as_dict() for row in rows])
         print_table(rows)
     return OK if all(row.outcome != "silent" for row in rows) else FAILED
 

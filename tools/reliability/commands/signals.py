@@ -8,7 +8,6 @@ tools/faults.py signals --signals TERM INT --targets recorder_node --rates 20 --
 
 import argparse
 import dataclasses
-import json
 import math
 import random
 import signal
@@ -19,10 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
+from reliability.output import add_output, write_output
 from reliability.signals import RUN, SIGNALS, TARGETS, Outcome, Trial, measure, trials
 from vislam_ros.cli.exit_codes import FAILED, OK
 from vislam_ros.data.bags.writer import write_bag
-from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.files.whole_file import refuse_existing
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 
 _NAMES = {number.name.removeprefix("SIG"): number for number in SIGNALS}
@@ -39,8 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--rates", nargs="+", type=float, default=[0.0, 20.0, 1.0], help="of the player (0 20 1)")
     add("--moments", type=int, default=10, help="signals of a kind at a rate (10)")
     add("--few", type=int, default=2, help="the same at rate 1, where a run takes long (2)")
-    add("--out", type=Path, default=_OUT, metavar="FILE", help=f"({_OUT})")
-    add("--force", action="store_true", help="replace FILE")
+    add_output(parser, _OUT)
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -57,9 +56,7 @@ def run_command(arguments: argparse.Namespace) -> int:
     try:
         _measure_all(planned, outcomes)
     finally:  # also after Ctrl-C
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        content = [_as_dict(outcome) for outcome in outcomes]
-        replace_file(arguments.out, (json.dumps(content, indent=1) + "\n").encode())
+        write_output(arguments.out, [_as_dict(outcome) for outcome in outcomes])
         print_table(outcomes)
     return OK if all(outcome.holds for outcome in outcomes) else FAILED
 

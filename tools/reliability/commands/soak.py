@@ -7,7 +7,6 @@ tools/faults.py soak drive.npz --minutes 5 --warm-up 60
 """
 
 import argparse
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 from reliability.load.offline import offline_trajectory
 from reliability.load.pictures import draw_soak
 from reliability.load.soak import Soak, soak
+from reliability.output import add_output, write_output
 from vislam_ros.cli.exit_codes import FAILED, OK
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
@@ -29,8 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("data", type=Path, metavar="DATA", help="a drive")
     add("--minutes", type=float, default=30.0, help="(30)")
     add("--warm-up", type=float, default=300.0, metavar="S", help="that does not count (300)")
-    add("--out", type=Path, default=_OUT, metavar="FILE", help=f"with a .png beside it ({_OUT})")
-    add("--force", action="store_true", help="replace FILE")
+    add_output(parser, _OUT, "with a .png beside it")
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -49,8 +48,7 @@ def run_command(arguments: argparse.Namespace) -> int:
             return minutes < arguments.minutes
 
         seen = soak(bag, offline, Path(scratch) / "run", arguments.warm_up, goes_on)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(arguments.out, (json.dumps(seen.as_dict()) + "\n").encode())
+    write_output(arguments.out, seen.as_dict(), indent=None)
     replace_file(picture, draw_soak(seen))
     print_table(seen)
     return OK if seen.holds else FAILED

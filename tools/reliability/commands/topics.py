@@ -7,14 +7,14 @@ tools/faults.py topics --streams twist features --out results/topics.json
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
+from reliability.output import add_output, write_output
 from reliability.topic_faults import STREAMS, all_faults
 from reliability.topic_trials import TrialRow, measure_topic_faults
 from vislam_ros.cli.exit_codes import FAILED, OK
-from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.files.whole_file import refuse_existing
 
 _ALL_STREAMS = (*STREAMS, "calibration")
 _OUT = Path("results") / "topics.json"
@@ -25,8 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--streams", nargs="+", choices=_ALL_STREAMS, default=_ALL_STREAMS, help="(all)")
     add("--kinds", nargs="+", metavar="KIND", help="as in the table (all)")
-    add("--out", type=Path, default=_OUT, metavar="FILE", help=f"({_OUT})")
-    add("--force", action="store_true", help="replace FILE")
+    add_output(parser, _OUT)
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -44,9 +43,7 @@ def run_command(arguments: argparse.Namespace) -> int:
         print(f"{len(rows)} of {len(faults)}", end="\r", file=sys.stderr)
         if not row.holds:
             print(f"does not hold: {row}", file=sys.stderr)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    content = [row.as_dict() for row in rows]
-    replace_file(arguments.out, (json.dumps(content, indent=1) + "\n").encode())
+    write_output(arguments.out, [row.as_dict() for row in rows])
     print_table(rows)
     return OK if all(row.holds for row in rows) else FAILED
 

@@ -7,7 +7,6 @@ the recorder writes.
 """
 
 import argparse
-import json
 import os
 import signal
 import tempfile
@@ -32,8 +31,8 @@ from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.bags.reader import ReadingRules, check_readable
 from vislam_ros.data.conversion import convert
+from vislam_ros.data.files.json_file import write_json
 from vislam_ros.data.files.parameter_file import write_parameters
-from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.data.results.recording import STOPPED, map_patience
 from vislam_ros.data.results.summary import has_ended, read_summary
 from vislam_ros.data.results.writer import pass_directories, refuse_used
@@ -289,12 +288,9 @@ def _end_summaries(
         reason = _INTERRUPTED if isinstance(error, KeyboardInterrupt) else str(error)
         newest["incomplete_reason"] = reason
     for directory, summary in ended:
-        content = json.dumps(summary, indent=2) + "\n"
-        try:
-            replace_file(directory / "summary.json", content.encode("utf-8"))
-        except OutputError:
-            if error is None:
-                raise
+        # Of two errors the first is the one to tell.
+        with suppress(OutputError) if error is not None else nullcontext():
+            write_json(directory / "summary.json", summary)
     return [(directory, summary) for directory, summary in ended]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from vislam_ros.data.files.inputs import read_text
+from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.errors import VislamError
 
 
@@ -28,6 +29,17 @@ def read_json(path: Path, what: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise VislamError(f"{path}: cannot read {what}: it must hold one JSON object")
     return content
+
+
+def write_json(path: Path, content: Any, *, indent: int | None = 2) -> None:
+    """Write JSON, whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        Where the file cannot be written.
+    """
+    replace_file(path, (json.dumps(content, indent=indent) + "\n").encode("utf-8"))
 
 
 def _refuse(constant: str) -> NoReturn:

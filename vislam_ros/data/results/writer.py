@@ -8,7 +8,6 @@ and the summary are replaced as whole files, about once a second.
 
 import csv
 import io
-import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.step import Row
+from vislam_ros.data.files.json_file import write_json
 from vislam_ros.data.files.open_file import append, require_present
 from vislam_ros.data.files.parameter_file import write_parameters
 from vislam_ros.data.files.whole_file import make_directory, remove_directories, replace_file
@@ -240,8 +240,7 @@ class ResultWriter:
             write_landmarks(self.directory / "landmarks.npz", self._unwritten_landmarks)
             write_point_cloud(self.directory / "landmarks.ply", self._unwritten_landmarks)
             self._unwritten_landmarks = None
-        text = json.dumps(self.summary.as_dict(), indent=2) + "\n"
-        replace_file(self.directory / "summary.json", text.encode("utf-8"))
+        write_json(self.directory / "summary.json", self.summary.as_dict())
         for name, file in self._files.items():
             if not file.closed:
                 try:
