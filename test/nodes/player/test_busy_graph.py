@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from live.listening import FULL_SPEED, STEPS, wait_until
 
-from vislam_ros.data.bags.layout import FEATURES, ODOMETRY
+from vislam_ros.data.bags.layout import FEATURES, ODOMETRY, TWIST
 from vislam_ros.nodes.player import graph, player
 
 WINDOW = 4
@@ -20,10 +20,11 @@ def test_a_node_that_is_busy_is_waited_for_and_not_flooded(
     monkeypatch.setattr(graph, "_SILENCE_SECONDS", 0.3)
     processes.start("nodes.imu_prediction_node")
     slam_node = processes.start("nodes.slam_node")
-    listener = listen(topics=[FEATURES, ODOMETRY])
+    listener = listen(topics=[FEATURES, TWIST, ODOMETRY])
     features, poses = (listener.heard[topic.recorded] for topic in (FEATURES, ODOMETRY))
     wait_until(lambda: listener.count_publishers(ODOMETRY.name), "the start of slam_node")
-    playing = make_player(replace(FULL_SPEED, window=WINDOW, passes=2))
+    # The listener and a node of each stream: one that is not found yet would miss the beginning.
+    playing = make_player(replace(FULL_SPEED, window=WINDOW, passes=2, subscribers=2))
     wait_until(lambda: playing.count_publishers(ODOMETRY.name), "the player's sight of slam_node")
     report = play_in_thread(playing)
     wait_until(lambda: len(poses) > 5, "the first poses")

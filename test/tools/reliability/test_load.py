@@ -21,7 +21,7 @@ from vislam_ros.cli.commands.run import NODES
 from vislam_ros.data.bags.layout import FEATURES, ODOMETRY, PREDICTION, STEPS, TWIST
 from vislam_ros.data.bags.writer import write_bag
 
-FRAMES = 30
+FRAMES = 100
 POINT = CurvePoint(
     features=50.0,
     size=1000.0,

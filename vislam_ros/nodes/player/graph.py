@@ -97,15 +97,26 @@ class GraphWatch:
                     taken = self._ledger.received(name, FEATURES.name)
                     self._window.settle(taken, report.waiting)
 
-    def missing(self) -> list[str]:
-        """Links that are not there yet, in words; empty where the graph is whole."""
+    def missing(self, *, whole: bool) -> list[str]:
+        """Links that are not there yet, in words.
+
+        Parameters
+        ----------
+        whole : bool
+            Whether all of the nodes must be there, or only those that are must hear each other.
+        """
         missing = []
         for topic, needed in LINKS.items():
             subscriptions = self._node.get_subscriptions_info_by_topic(topic)
             present = [subscription.node_name for subscription in subscriptions]
-            absent = [name for name in needed if name not in present]
+            absent = [name for name in needed if name not in present] if whole else []
             if absent:
                 missing.append(f"{' and '.join(absent)} on {topic}")
-            elif self._found.get(topic, 0) < len(present):
+            elif (whole or self._is_told_of(topic)) and self._found.get(topic, 0) < len(present):
                 missing.append(f"the publisher of {topic}, which must find its subscribers")
         return missing
+
+    def _is_told_of(self, topic: str) -> bool:
+        """Whether a node that reports publishes a topic."""
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        return any(publisher.node_name in self._reported for publisher in publishers)

@@ -193,9 +193,12 @@ class Player(Node):
                 for topic, outlet, count in waiting
                 if outlet.subscribers < count
             ]
+            whole = self.options.whole_graph
             if self.options.rate == 0.0:
                 links += [f"a report of {name}" for name in self._graph.silent()]
-            return links + (self._graph.missing() if self.options.whole_graph else [])
+            if whole or self.options.rate == 0.0:
+                links += self._graph.missing(whole=whole)
+            return links
 
         if not self.clock.wait_for(lambda: not missing(), self.options.wait):
             links = missing()
