@@ -20,6 +20,9 @@ _GRACE_SECONDS = 5.0
 
 
 def _end_with_parent() -> None:
+    # Of a process that is just made to go on, the kernel gives a signal to any thread that takes
+    # it, and the main one would sleep on.
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
     while os.read(0, 1024):
         pass
     os.kill(os.getpid(), signal.SIGTERM)

@@ -118,7 +118,9 @@ def test_a_listener_hears_each_frame_and_each_process_costs(bag: Path, tmp_path:
     played = play_heard(bag, tmp_path / "run", 2.0)
     found = hops(played.messages)
     assert [hop.count for hop in found.values()][1:] == [FRAMES] * 4
-    assert all(0.0 < hop.p50 <= hop.p99 <= hop.largest for hop in found.values())
+    # The clocks of two processes meet in a hop: one that is short may seem to take no time.
+    assert all(hop.p50 <= hop.p99 <= hop.largest for hop in found.values())
+    assert found["features published → odometry heard"].p50 > 0.0
     assert played.cpu.keys() == {*NODES, "player"}
     assert played.cpu["slam_node"] > 0.0
 
