@@ -19,6 +19,9 @@ from typing import Any
 
 import threadpoolctl
 from benchmark import step_times
+from benchmark.battery.measuring import measure_battery
+from benchmark.battery.rows import all_rows, quick_rows
+from benchmark.battery.trials import TrialSettings
 from benchmark.consistency.noise_redrawn import redraw
 from benchmark.consistency.simulated_drives import CELLS, SMALL_DISPARITY, MonteCarlo
 from benchmark.consistency.track_errors import disparity_errors
@@ -29,7 +32,7 @@ from benchmark.peers.gtsam_runs import gtsam_is_installed
 from benchmark.recorded_drive import first_steps
 from benchmark.report_table import print_report
 
-from vislam_ros.cli.exit_codes import FAILED, OK
+from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
 from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.core.filters.registry import estimator_named, estimator_names
 from vislam_ros.core.filters.settings import ObservationSettings
@@ -39,6 +42,7 @@ from vislam_ros.data.files.whole_file import refuse_existing
 from vislam_ros.data.loading import load_drive
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
+from vislam_ros.data.sweeps.worker_pool import available_cores
 from vislam_ros.data.trajectory import Trajectory, read_tum
 from vislam_ros.errors import VislamError
 
@@ -46,6 +50,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = Path(os.environ.get("VISLAM_SHARED_DATA", REPOSITORY.parent / "shared" / "data"))
 LONG_DRIVE = SHARED_DATA / "10_synthetic.npz"
 OUT = Path("results/bench.json")
+BATTERY = "battery"  # folder beside it
 
 # Where there is no such drive, one that is much like it.
 SIMULATED = SimulationSettings(
@@ -192,6 +197,22 @@ class Bench:
         )
         return {"data": self._drive.name, "redrawn": redrawn}
 
+    def battery(self) -> Report:
+        """Errors on many kinds of drives; half an hour, and only where it is named."""
+        slam, prediction = self._settings
+        smooth = estimator_named(slam.estimator).smoothable
+        battery = measure_battery(
+            self._arguments.out.parent / BATTERY,
+            quick_rows() if self._quick else all_rows(),
+            TrialSettings(SHARED_DATA, slam, prediction, smooth),
+            seeds=1 if self._quick else self._arguments.battery_seeds,
+            jobs=self._arguments.jobs,
+            force=self._arguments.force,
+            beside=self._arguments.beside,
+        )
+        self.notes += battery.notes
+        return {"battery": battery.rows, "battery_groups": battery.groups}
+
     @cached_property
     def _files(self) -> tuple[Path, Path | None]:
         """Dataset and reference: those given, the long drive, or one that is simulated."""
@@ -232,7 +253,10 @@ SECTIONS: dict[str, Callable[[Bench], Report]] = {
     "consistency": Bench.consistency,
     "tracks": Bench.tracks,
     "redrawn": Bench.redrawn,
+    "battery": Bench.battery,
 }
+# What runs when none is named: the battery takes about half an hour on two cores.
+_USUAL = [name for name in SECTIONS if name != "battery"]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -246,6 +270,11 @@ def main(argv: list[str] | None = None) -> int:
     except VislamError as error:
         print(f"error: {error}", file=sys.stderr)
         return FAILED
+    except KeyboardInterrupt:
+        print(
+            "interrupted: the battery's rows are kept, and the same call goes on", file=sys.stderr
+        )
+        return INTERRUPTED
     print_report(report)
     print(f"written to {arguments.out}")
     return OK
@@ -295,9 +324,9 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--only",
         type=_sections,
-        default=list(SECTIONS),
+        default=_USUAL,
         metavar="SECTION,SECTION",
-        help="these sections, as named below",
+        help="these sections, as named below (all but battery)",
     )
     add("--quick", action="store_true", help="fewer repeats and sizes, to see that all works")
     add("--data", type=Path, metavar="FILE", help="dataset or bag, for what needs a drive")
@@ -316,10 +345,35 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="drives of each kind, for consistency and redrawn (20)",
     )
+    add(
+        "--battery-seeds",
+        type=int,
+        default=3,
+        metavar="N",
+        help="subsets of tracks or draws of noise of each of the battery's rows (3)",
+    )
+    add(
+        "--beside",
+        type=Path,
+        metavar="DIR",
+        help="the battery's folder of another run, whose errors are put beside",
+    )
+    add("--jobs", type=int, default=available_cores(), metavar="N", help="of battery (all cores)")
     add("--params", type=Path, metavar="FILE", help="ROS parameter file (config/ekf.yaml)")
     add("--estimator", choices=estimator_names())
-    add("--out", type=Path, default=OUT, metavar="FILE", help=f"({OUT})")
-    add("--force", action="store_true", help="replace FILE")
+    add(
+        "--out",
+        type=Path,
+        default=OUT,
+        metavar="FILE",
+        help=f"({OUT}); the battery's rows, table.md and battery.png lie in {BATTERY}/ beside it, "
+        "and an interrupted battery goes on from there",
+    )
+    add(
+        "--force",
+        action="store_true",
+        help="replace FILE, and a battery's rows of other settings or code",
+    )
     parser.set_defaults(fraction=None, seed=None, map=None)
     return parser
 

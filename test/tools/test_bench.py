@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from bench import _parser
 from places import REPOSITORY
 
 from vislam_ros.data.simulation.file import write_simulated
@@ -83,10 +84,44 @@ def test_consistency_is_measured_on_drives_of_each_kind(tmp_path: Path) -> None:
     assert all(row["nees"] > 0 and row["to_batch"] > 0 for row in consistency["runs"])
 
 
+def test_the_battery_leaves_its_files_beside_the_report_and_goes_on_from_them(
+    tmp_path: Path,
+) -> None:
+    params = tmp_path / "params.yaml"
+    params.write_text("slam_node:\n  ros__parameters:\n    estimator: robocentric\n")
+    asked = ("--only", "battery", "--quick", "--params", params)
+    result = bench(*asked, "--out", tmp_path / "bench.json")
+    assert result.returncode == 0, result.stderr
+    assert "estimate / dead reckoning" in result.stdout
+    folder = tmp_path / "battery"
+    rows = (folder / "runs.jsonl").read_text()
+    report = json.loads((tmp_path / "bench.json").read_text())
+    assert len(rows.splitlines()) == len(report["battery"]) >= 2
+    assert report["battery_groups"][-1]["rows"] == len(report["battery"])
+    assert all(0 < row["estimate_percent"] < 10 for row in report["battery"])
+    assert (folder / "table.md").read_text().startswith("# The battery")
+    assert (folder / "battery.png").read_bytes().startswith(b"\x89PNG")
+
+    again = bench(*asked, "--beside", folder, "--out", tmp_path / "again.json")
+    assert again.returncode == 0, again.stderr
+    assert (folder / "runs.jsonl").read_text() == rows
+    assert (
+        json.loads((tmp_path / "again.json").read_text())["battery_groups"][-1]["to_beside"] == 1
+    )
+
+
+def test_the_battery_runs_only_where_it_is_named() -> None:
+    assert "battery" not in _parser().parse_args([]).only
+    assert _parser().parse_args(["--only", "battery"]).only == ["battery"]
+
+
 def test_an_unknown_section_is_wrong_usage() -> None:
     result = bench("--only", "floor,roof")
     assert result.returncode == 2
-    assert "floor, dense, growth, drives, peers, consistency, tracks, redrawn" in result.stderr
+    assert (
+        "floor, dense, growth, drives, peers, consistency, tracks, redrawn, battery"
+        in result.stderr
+    )
 
 
 def test_a_section_that_cannot_be_measured_is_left_out_with_the_reason(tmp_path: Path) -> None:

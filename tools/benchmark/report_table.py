@@ -10,11 +10,36 @@ from rich.table import Table
 from rich.text import Text
 
 # Columns of text where there is no terminal to ask.
-_FILE_WIDTH = 130
+_FILE_WIDTH = 150
 
-# Section -> title, and columns: key, heading, format.
-_Columns = Sequence[tuple[str, str, str]]
-_PEERS: _Columns = (
+#: Columns of a table: key, heading, format.
+Columns = Sequence[tuple[str, str, str]]
+
+BATTERY_ROWS: Columns = (
+    ("name", "", "{}"),
+    ("dead_reckoning_percent", "dead reckoning [%]", "{:.2f}"),
+    ("estimate_percent", "estimate [%]", "{:.2f}"),
+    ("to_dead_reckoning", "ratio", "{:.2f}"),
+    ("beside_percent", "the other [%]", "{:.2f}"),
+    ("to_beside", "ratio", "{:.2f}"),
+    ("smoothed_percent", "smoothed [%]", "{:.2f}"),
+    ("estimate_ate_m", "ATE [m]", "{:.2f}"),
+    ("estimate_nees", "NEES/6", "{:.1f}"),
+    ("gyro_bias_max", "largest bias [rad/s]", "{:.4f}"),
+    ("worse", "worse", "{}"),
+)
+BATTERY_GROUPS: Columns = (
+    ("name", "", "{}"),
+    ("rows", "rows", "{}"),
+    ("worse", "worse", "{}"),
+    ("failed", "failed trials", "{}"),
+    ("to_dead_reckoning", "estimate / dead reckoning", "{:.3f}"),
+    ("smoothed_to_dead_reckoning", "smoothed / dead reckoning", "{:.3f}"),
+    ("to_beside", "estimate / the other", "{:.3f}"),
+    ("smoothed_to_beside", "smoothed / the other", "{:.3f}"),
+)
+
+_PEERS: Columns = (
     ("name", "", "{}"),
     ("step_ms", "step [ms]", "{:.2f}"),
     ("step_ms_last_quarter", "last quarter [ms]", "{:.2f}"),
@@ -24,7 +49,8 @@ _PEERS: _Columns = (
     ("landmarks", "landmarks", "{}"),
     ("recipe", "landmarks: disparity", "{}"),
 )
-_TABLES: dict[str, tuple[str, _Columns]] = {
+# Section -> title and columns.
+_TABLES: dict[str, tuple[str, Columns]] = {
     "floor": (
         "The step above the LAPACK floor (potrf, trsm, syrk)",
         (
@@ -127,6 +153,8 @@ _TABLES: dict[str, tuple[str, _Columns]] = {
     ),
     "peers": ("On the same tracks, the whole drive", _PEERS),
     "peers_first_steps": ("On the same tracks, first steps: every peer", _PEERS),
+    "battery": ("The battery: errors per cent of the path, means over the seeds", BATTERY_ROWS),
+    "battery_groups": ("Groups of the battery, geometric means of ratios", BATTERY_GROUPS),
 }
 
 
@@ -155,16 +183,27 @@ def print_report(report: Mapping[str, Any]) -> None:
         console.print(Text(f"note: {note}"))
 
 
-def _table(title: str, columns: _Columns, rows: Sequence[Mapping[str, Any]]) -> Table:
+def known_columns(columns: Columns, rows: Sequence[Mapping[str, Any]]) -> Columns:
+    """Return the columns that any row can fill."""
+    return [column for column in columns if any(row.get(column[0]) is not None for row in rows)]
+
+
+def cells(columns: Columns, row: Mapping[str, Any]) -> list[str]:
+    """Return the text of each column; nothing for what is not known and what is not so."""
+    return [_text(row.get(key), form) for key, _, form in columns]
+
+
+def _text(value: Any, form: str) -> str:
+    if value is None or value is False:
+        return ""
+    return "yes" if value is True else form.format(value)
+
+
+def _table(title: str, columns: Columns, rows: Sequence[Mapping[str, Any]]) -> Table:
     table = Table(title=Text(title), title_justify="left")
-    known = [column for column in columns if any(row.get(column[0]) is not None for row in rows)]
+    known = known_columns(columns, rows)
     for key, heading, _ in known:
-        table.add_column(heading, justify="left" if key in ("name", "recipe") else "right")
+        table.add_column(Text(heading), justify="left" if key in ("name", "recipe") else "right")
     for row in rows:
-        table.add_row(
-            *(
-                Text("" if row.get(key) is None else style.format(row[key]))
-                for key, _, style in known
-            )
-        )
+        table.add_row(*map(Text, cells(known, row)))
     return table
