@@ -69,7 +69,7 @@ def test_a_bad_value_is_refused_in_one_line_that_names_it(node_with, name, value
 
 
 def test_what_another_estimator_alone_uses_is_told_in_a_line_and_not_declared(node_with, capfd):
-    node = node_with(estimator="joint", min_disparity=2.0, learn_noise=False, slip_std=0.25)
+    node = node_with(estimator="joint", min_disparity=2.0, learn_noise=False, gyro_bias_std=0.02)
     settings = declare_slam_settings(node)
     assert settings == JointSettings(min_disparity=2.0)
     assert not node.has_parameter("learn_noise")

@@ -10,6 +10,8 @@ functions (see plain_image_points), exact to rounding, and share nothing with th
 
 import numpy as np
 from numpy.typing import NDArray
+from plain_belief import Told, told_of_both
+from plain_gates import agreeing, given_others, scales_with_tails
 from plain_image_points import (
     Complex,
     complex_step,
@@ -26,7 +28,6 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.linalg.gating import passes_gates
 from vislam_ros.core.motion import Increment
-from vislam_ros.core.noise.disparity_prior import DisparityPrior
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
@@ -34,31 +35,10 @@ from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
 
-S = 18
-POSE, TWIST, BIAS, DRIFT, LENS = slice(0, 6), slice(6, 12), slice(12, 15), slice(15, 17), 17
+S = 16
+POSE, TWIST, BIAS, LENS = slice(0, 6), slice(6, 12), slice(12, 15), 15
 # u_left, v_left, u_right and v_right of (u_left, u_right, v).
 FOUR_ROWS = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1]])
-
-
-def agreeing(gate: float, residual: Array, S: Array, kept: list[int]) -> list[bool]:
-    """Which of some innovations (n, r) stay when those that the others contradict have gone."""
-    remaining, r = list(kept), residual.shape[1]
-    while gate > 0 and remaining:
-        distances = []
-        for i in remaining:
-            own = r * i + np.arange(r)
-            others = np.concatenate([[], *(r * j + np.arange(r) for j in remaining if j != i)])
-            others = others.astype(int)
-            gain = S[np.ix_(own, others)] @ np.linalg.inv(S[np.ix_(others, others)])
-            error = residual[i] - gain @ residual.ravel()[others]
-            covariance = S[np.ix_(own, own)] - gain @ S[np.ix_(others, own)]
-            distances.append(error @ np.linalg.solve(covariance, error))
-        bound = max(gate, 0.5 * max(distances))
-        agreed = [d <= bound for d in distances]
-        if max(distances) <= gate:
-            break
-        remaining = [i for i, good in zip(remaining, agreed, strict=True) if good]
-    return [i in remaining for i in kept]
 
 
 class DenseRobocentricFilter:
@@ -100,7 +80,8 @@ class DenseRobocentricFilter:
             self.frame_rate,
             learns=settings.learn_noise,
         )
-        self.disparity_prior = DisparityPrior()
+        # Sums of whitened innovations, by key, and of how many frames.
+        self.runs: dict[int, tuple[Array, int]] = {}
         # Keys in the order of the track noise.
         self.judged: list[int] = []
         self.T_world_body = np.eye(4)
@@ -111,10 +92,9 @@ class DenseRobocentricFilter:
                     50.0**2,
                     2.0**2,
                     settings.gyro_bias_std**2,
-                    settings.velocity_bias_std**2,
                     settings.lens_distortion_std**2,
                 ],
-                [6, 3, 3, 3, 2, 1],
+                [6, 3, 3, 3, 1],
             )
         )
         # Estimates of all but the pose; of a clone the error.
@@ -123,6 +103,8 @@ class DenseRobocentricFilter:
         self.warped_places: list[int] = []
         self.place_of_key: dict[int, int] = {}
         self.positions_of_key: dict[int, int] = {}
+        # Position and covariance as they are told when a landmark is marginalized.
+        self.mapped: dict[int, tuple[Array, Array]] = {}
         self.clones: list[tuple[Array, int]] = []
 
     def step(self, increment: Increment, frame: TrackedFrame) -> list[int]:
@@ -133,23 +115,23 @@ class DenseRobocentricFilter:
         for tau, measured in increment.parts:
             twist, variances = self.walk(tau)
             if measured is not None:
-                self.measure_twist(measured, tau)
+                self.measure_twist(measured)
             self.move(tau)
         keys = frame.keys.tolist()
         known = [i for i, key in enumerate(keys) if key in self.place_of_key]
         new = [i for i, key in enumerate(keys) if key not in self.place_of_key]
         rejected = []
-        if len(known) >= self.settings.min_observations:
+        if known:
             rejected = self.correct([keys[i] for i in known], frame.pixels[known])
             sampled = bool(increment.parts) and measured is not None
             if self.settings.learn_noise and sampled and len(rejected) < len(known):
                 change = self.estimate[TWIST] - twist
                 H = self.twist_rows()
                 error = np.asarray(measured) - H @ self.estimate
-                unexplained = error**2 + np.diag(H @ self.P @ H.T)
                 after = np.diag(self.P)[TWIST]
-                self.motion_noise.update(change, variances, after, unexplained, tau)
-        self.initialize([keys[i] for i in new], frame.pixels[new], frame.copied[new].tolist())
+                error_variance = np.diag(H @ self.P @ H.T)
+                self.motion_noise.update(change, variances, after, error, error_variance, tau)
+        self.initialize([keys[i] for i in new], frame.pixels[new])
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))
             self.augment(np.eye(6, S), np.zeros((6, 6)), np.zeros(6))
@@ -164,33 +146,22 @@ class DenseRobocentricFilter:
         return pixels @ np.linalg.inv(self.told_V) @ FOUR_ROWS @ self.image_point_noise(1.0)
 
     def walk(self, tau: float) -> tuple[Array, Array]:
-        """Let twist and biases change; return the twist and its variances then."""
+        """Let twist and bias change; return the twist and its variances then."""
         settings = self.settings
         self.P[TWIST, TWIST] += tau * np.diag(self.motion_noise.walk_variance)
         self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
-        self.P[DRIFT, DRIFT] += settings.velocity_bias_walk_std**2 * tau * np.eye(2)
         return self.estimate[TWIST].copy(), np.diag(self.P)[TWIST].copy()
 
-    def measure_twist(self, measured: Array, tau: float) -> None:
-        settings = self.settings
+    def measure_twist(self, measured: Array) -> None:
         self.motion_noise.add(measured)
         H = self.twist_rows()
-        variances = self.motion_noise.twist_variance
-        if settings.slip_std > 0:
-            straight = np.zeros((2, len(self.P)))
-            straight[0, 7] = straight[1, 8] = 1.0
-            H = np.concatenate([H, straight])
-            measured = np.append(measured, [0.0, 0.0])
-            # A place so far ahead of the origin moves sideways and up by omega x r.
-            sway = np.cross(self.estimate[TWIST][3:], [settings.axle_distance, 0.0, 0.0])[1:]
-            variances = np.append(variances, settings.slip_std**2 / tau + sway**2)
-        self.update(H, np.diag(variances), measured - H @ self.estimate)
+        R = np.diag(self.motion_noise.twist_variance)
+        self.update(H, R, measured - H @ self.estimate)
 
     def twist_rows(self) -> Array:
         H = np.zeros((6, len(self.P)))
         H[:, TWIST] = np.eye(6)
         H[3:, BIAS] = np.eye(3)
-        H[1:3, DRIFT] = np.eye(2)
         return H
 
     def move(self, tau: float) -> None:
@@ -255,12 +226,17 @@ class DenseRobocentricFilter:
             [self.P[np.ix_(row, row)] + np.diag(R) for row, R in zip(rows, expected, strict=True)]
         )
         gate = noise.gate(self.settings.chi2_gate)
-        kept = np.flatnonzero(passes_gates(residual, own, gate, self.settings.pixel_gate))
+        passes = passes_gates(residual, own, gate, self.settings.pixel_gate)
         told = noise.components
         places = rows[:, told].ravel()
         joint = self.P[np.ix_(places, places)] + np.diag(variances[:, told].ravel())
-        kept = kept[agreeing(gate, residual[:, told], joint, kept.tolist())]
+        agreed = agreeing(gate, residual[:, told], joint, np.flatnonzero(passes).tolist())
+        kept = self.that_stay(gate, keys, residual[:, told], joint, agreed)
         rejected = np.delete(keys, kept).tolist()
+        R_0 = noise.level * np.diag(self.image_point_noise(1.0))
+        scales = variances[:, 0] / R_0[0]
+        if self.settings.learn_noise:
+            scales = scales_with_tails(residual[:, told], joint, kept, R_0[told], scales)
         # Of four rows, or three where the right pixel tells nothing, each with its own noise.
         used = FOUR_ROWS[:, told].any(axis=1)
         some_rows = FOUR_ROWS[np.ix_(used, told)]
@@ -270,8 +246,8 @@ class DenseRobocentricFilter:
         for i, k in enumerate(kept):
             own_rows = slice(r * i, r * i + r)
             H[own_rows, rows[k, told]] = some_rows
-            scale = variances[k, 0] / self.image_point_noise(1.0)[0, 0]
-            R[own_rows, own_rows] = scale * self.told_V[np.ix_(used, used)]
+            V = noise.level * scales[k] * self.told_V
+            R[own_rows, own_rows] = V[np.ix_(used, used)]
         # What the numbers leave of the rows is noise alone.
         left = (pixels[kept] - z[kept] @ FOUR_ROWS.T)[:, used]
         innovation = (residual[kept][:, told] @ some_rows.T + left).ravel()
@@ -284,6 +260,22 @@ class DenseRobocentricFilter:
         if len(H):
             self.update(H, R, innovation)
         return rejected
+
+    def that_stay(
+        self, gate: float, keys: list[int], residual: Array, S: Array, agreed: list[int]
+    ) -> list[int]:
+        """Which of the innovations that agree stay, with all that their tracks had before."""
+        told, still = self.track_noise.components, []
+        for i in agreed:
+            error, C = given_others(residual, S, agreed, i)
+            L = np.linalg.cholesky(np.linalg.inv(C))
+            total, frames = self.runs[keys[i]]
+            total[told] += L.T @ error
+            self.runs[keys[i]] = total, frames + 1
+            distance = total[told] @ total[told] / (frames + 1)
+            if gate == 0 or distance <= gate:
+                still.append(i)
+        return still
 
     def update(self, H: Array, R: Array, residual: Array) -> None:
         """Update by the textbook, with Joseph's form of the covariance."""
@@ -299,28 +291,16 @@ class DenseRobocentricFilter:
         self.estimate[rows] += delta[LENS] * shifted
         self.estimate[POSE] = 0.0
 
-    def initialize(self, keys: list[int], pixels: Array, copied: list[bool]) -> None:
+    def initialize(self, keys: list[int], pixels: Array) -> None:
         z = self.image_points(pixels)
         points = z + self.estimate[LENS] * shift(self.camera, z).real
         spread = np.sqrt(self.told_V[1, 1] + self.told_V[3, 3])
         self.track_noise.initialize_level((pixels[:, 1] - pixels[:, 3]) / spread)
-        noises = list(self.track_noise.of_new_tracks(points))
-        a = np.array([1.0, -1.0, 0.0])
-        for y, noise, stale in zip(points, noises, copied, strict=True):
-            if stale:
-                noise[1, 1] += (self.settings.stale_disparity * (a @ y)) ** 2
-        if self.settings.disparity_prior and keys:
-            self.disparity_prior.add(points @ a)
-            variances = np.array([a @ noise @ a for noise in noises])
-            means, remaining = self.disparity_prior.posterior(points @ a, variances)
-            for i, noise in enumerate(noises):
-                # As if the disparity had been observed with the noise that leaves what remains.
-                gain = noise @ a / variances[i]
-                points[i] += gain * (means[i] - a @ points[i])
-                noise -= np.outer(gain, gain) * (variances[i] - remaining[i])
+        noises = self.track_noise.of_new_tracks(points)
         for key, y, noise in zip(keys, points, noises, strict=True):
             self.track_noise.add(1)
             self.judged.append(key)
+            self.runs[key] = np.zeros(3), 0
             self.place_of_key[key] = len(self.P)
             self.warped_places.append(len(self.P))
             self.augment(np.zeros((3, S)), noise, y)
@@ -335,11 +315,14 @@ class DenseRobocentricFilter:
         """Observe landmarks no more."""
         self.track_noise.remove(np.isin(np.array(self.judged, dtype=np.int64), keys))
         self.judged = [key for key in self.judged if key not in keys]
+        told = self.told()
         for key in keys:
             place = self.place_of_key[key]
+            if self.has_position(place):
+                self.mapped[key] = self.landmark(key, told)
             if self.exchange and self.has_position(place):
                 own = self.rows_of([place])[0]
-                position, J = self.position(place)
+                position, J = self.position(self.estimate[own], self.T_world_body)
                 rows = np.concatenate([np.arange(S), own])
                 self.P[own] = J @ self.P[rows]
                 self.P[:, own] = self.P[:, rows] @ J.T
@@ -355,19 +338,18 @@ class DenseRobocentricFilter:
         variance = a @ self.P[place : place + 2, place : place + 2] @ a
         return bool(straight[0] - straight[1] > 2 * np.sqrt(variance))
 
-    def position(self, place: int) -> tuple[Array, Array]:
-        """World position (3,) of an image point, its derivative (3, 21) by vehicle and itself."""
-        y = self.estimate[place : place + 3]
+    def position(self, y: Array, T_world_body: Array) -> tuple[Array, Array]:
+        """World position (3,) of an image point, its derivative (3, 19) by vehicle and itself."""
         D = shift(self.camera, y[None])[0].real
 
         def moved(x: Complex) -> Complex:
-            T = self.T_world_body @ expm(twist_matrix(x[POSE]))
+            T = T_world_body @ expm(twist_matrix(x[POSE]))
             return world_positions(self.camera, T, (y + x[S:] + x[LENS] * D)[None])[0]
 
         return moved(np.zeros(S + 3)).real, complex_step(moved, np.zeros(S + 3))
 
     def active_rows(self, keys: list[int]) -> NDArray[np.int64]:
-        """Rows (18 + 3 n,) of the vehicle state and these landmarks."""
+        """Rows (16 + 3 n,) of the vehicle state and these landmarks."""
         landmarks = self.rows_of([self.place_of_key[key] for key in keys])
         return np.concatenate([np.arange(S), landmarks.ravel()])
 
@@ -376,17 +358,31 @@ class DenseRobocentricFilter:
         """Rows (n, 3) of landmarks."""
         return np.array(places, dtype=np.int64).reshape(-1, 1) + np.arange(3)
 
-    def landmark(self, key: int) -> tuple[Array, Array]:
+    def told(self) -> Told:
+        """Weigh bias and none."""
+        return told_of_both(self.P, BIAS, self.estimate[BIAS], self.settings.gyro_bias_std**2)
+
+    def told_pose(self, told: Told) -> Array:
+        return self.T_world_body @ se3.exp(told.mean[POSE])
+
+    def landmark(self, key: int, told: Told) -> tuple[Array, Array]:
         """World position (3,) and covariance (3, 3) as all frames so far have it."""
         if key in self.place_of_key:
             place = self.place_of_key[key]
-            position, J = self.position(place)
-            rows = np.concatenate([np.arange(S), place + np.arange(3)])
-            return position, J @ self.P[np.ix_(rows, rows)] @ J.T
-        place = self.positions_of_key[key]
-        return self.estimate[place : place + 3], self.P[place : place + 3, place : place + 3]
+            own = place + np.arange(3)
+            y = self.estimate[own]
+            y = y + told.mean[own] + told.mean[LENS] * shift(self.camera, y[None])[0].real
+            position, J = self.position(y, self.told_pose(told))
+            rows = np.concatenate([np.arange(S), own])
+            return position, J @ told.covariance[np.ix_(rows, rows)] @ J.T
+        own = self.positions_of_key[key] + np.arange(3)
+        return self.estimate[own] + told.mean[own], told.within[np.ix_(own, own)]
 
-    def smoothed(self) -> tuple[Array, Array]:
+    def smoothed(self, told: Told) -> tuple[Array, Array]:
         """Past poses (T, 4, 4) and covariances (T, 6, 6) as all frames so far have them."""
-        poses = [T @ se3.exp(self.estimate[i : i + 6]) for T, i in self.clones]
-        return np.array(poses), np.array([self.P[i : i + 6, i : i + 6] for _, i in self.clones])
+        rows = [np.arange(i, i + 6) for _, i in self.clones]
+        poses = [
+            T @ se3.exp(self.estimate[own] + told.mean[own])
+            for (T, _), own in zip(self.clones, rows, strict=True)
+        ]
+        return np.array(poses), np.array([told.within[np.ix_(own, own)] for own in rows])

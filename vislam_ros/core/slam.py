@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vislam_ros.core.filters.estimator import Estimator
+from vislam_ros.core.filters.estimator import Estimator, Pose
 from vislam_ros.core.filters.flat_settings import completed
 from vislam_ros.core.filters.registry import Surroundings, estimator_named
 from vislam_ros.core.geometry import se3
@@ -341,7 +341,8 @@ class Slam:
             self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp
         path.forget_before(frame.stamp)
-        T = self._estimator.T_world_body
+        pose = outcome.pose or Pose(self._estimator.T_world_body, self._estimator.pose_covariance)
+        T = pose.T_world_body
         twist = outcome.twist or mean_twist(increment)
         return SlamStep(
             stamp=frame.stamp,
@@ -359,7 +360,7 @@ class Slam:
             left_out=tracked.left_out,
             position=T[:3, 3].copy(),
             quaternion=se3.quaternion_from_rotation(T[:3, :3]),
-            covariance=self._estimator.pose_covariance,
+            covariance=pose.covariance,
             twist=twist.mean,
             twist_covariance=twist.covariance,
             T_map_odom=T @ se3.inverse(path.pose(frame.stamp)),

@@ -50,9 +50,9 @@ def vislam(folder: Path, *argv: object) -> "subprocess.CompletedProcess[str]":
 
 def test_an_estimator_runs_live_as_it_does_offline(folder: Path, dataset: Path) -> None:
     (folder / "params.yaml").write_text(
-        f"slam_node: {{ros__parameters: {{estimator: '{MINE}', pixel_std: 2, slip_std: 0.0}}}}"
+        f"slam_node: {{ros__parameters: {{estimator: '{MINE}', pixel_std: 2, planar: true}}}}"
     )
-    note = "slip_std: set, but not used by estimator my_estimator"
+    note = "planar: set, but not used by estimator my_estimator"
     for command in (("solve",), ("run", "--rate", "0")):
         done = vislam(folder, *command, dataset, "--params", "params.yaml", "--out", command[0])
         assert done.returncode == 0, done.stderr

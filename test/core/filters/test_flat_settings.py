@@ -24,7 +24,7 @@ from vislam_ros.errors import SettingsError
 
 def test_settings_are_those_of_the_estimator_that_is_named_among_them() -> None:
     assert slam_settings({}) == RobocentricSettings()
-    values = {"estimator": "joint", "min_disparity": 2, "slip_std": 0.5}
+    values = {"estimator": "joint", "min_disparity": 2, "gyro_bias_std": 0.5}
     assert slam_settings(values) == JointSettings(min_disparity=2.0)
 
 
@@ -37,7 +37,10 @@ def test_settings_are_those_of_the_estimator_that_is_named_among_them() -> None:
         ({"min_disparty": 1.0}, ["min_disparty", "no such parameter", "min_disparity?"]),
         # Those of other estimators must be right, too.
         ({"min_disparity": "high"}, ["min_disparity", "'high'", "number"]),
-        ({"estimator": "joint", "slip_std": -1.0}, ["slip_std", "-1.0", "between 0.0 and"]),
+        (
+            {"estimator": "joint", "gyro_bias_std": -1.0},
+            ["gyro_bias_std", "-1.0", "between 0.0 and"],
+        ),
     ],
 )
 def test_a_wrong_name_or_value_is_told_in_a_line(values: dict[str, Any], words: list[str]) -> None:

@@ -80,15 +80,8 @@ OTHER_VALUES: dict[str, Any] = {
     "angular_velocity_walk_std": 0.2,
     "gyro_bias_std": 0.0,
     "gyro_bias_walk_std": 0.01,
-    "velocity_bias_std": 0.0,
-    "velocity_bias_walk_std": 0.3,
-    "slip_std": 0.0,
-    "axle_distance": 0.0,
     "learn_noise": False,
-    "disparity_prior": False,
     "lens_distortion_std": 0.0,
-    "min_observations": 60,
-    "stale_disparity": 0.2,
 }
 # Where a setting says something only together with another one.
 TOGETHER_WITH: dict[str, dict[str, Any]] = {
@@ -193,8 +186,8 @@ def test_an_estimator_of_a_file_in_the_current_folder_is_named_by_module_and_cla
     assert len(solve(drive, settings).trajectory) == drive.steps
     # From then on its own name will do, too.
     assert estimator_named("Mine") is estimator_named(name)
-    assert unused_settings({"estimator": "Mine", "gain": 2.0, "slip_std": 0.0}) == {
-        "slip_std": 0.0
+    assert unused_settings({"estimator": "Mine", "gain": 2.0, "gyro_bias_std": 0.0}) == {
+        "gyro_bias_std": 0.0
     }
 
 

@@ -1,7 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
-import pytest
 from numerics import CAMERA, difference
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
@@ -11,7 +10,6 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.warp import warp
-from vislam_ros.core.operations.correction import VehicleCorrection
 
 Array = NDArray[np.float64]
 
@@ -38,44 +36,31 @@ def test_the_transition_is_the_motions_derivative_by_finite_differences() -> Non
         return after
 
     transition = model.transition_of(CAMERA, y, warped, motion, TWIST, SECONDS)
-    F = np.zeros((24, 24))
+    F = np.zeros((22, 22))
     F[: model.SIZE, : model.SIZE] = transition.vehicle
     for i in range(2):
         own = slice(model.SIZE + 3 * i, model.SIZE + 3 * i + 3)
         F[own, own] = transition.landmarks[i]
         F[own, 6 : model.SIZE] = transition.coupling[i]
-    assert_allclose(F, difference(error_after, np.zeros(24)), rtol=1e-5, atol=1e-5)
+    assert_allclose(F, difference(error_after, np.zeros(22)), rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize(("slip_std", "rows"), [(0.25, 8), (0.0, 6)])
-def test_a_measured_twist_tells_twist_and_biases_and_that_a_vehicle_goes_where_it_points(
-    slip_std: float, rows: int
-) -> None:
-    measurement = model.TwistMeasurement(slip_std, axle_distance=2.0)
+def test_a_measured_twist_tells_twist_and_bias() -> None:
     measured = TWIST + 0.1
 
-    def correction(state: Array) -> VehicleCorrection:
-        twist = TWIST + state[model.TWIST]
-        error = measurement.error(
-            measured, twist, state[model.GYRO_BIAS], state[model.VELOCITY_BIAS]
-        )
-        return measurement.correction(error, np.full(6, 0.01), twist, SECONDS)
+    def error(state: Array) -> Array:
+        return model.twist_error(measured, TWIST + state[model.TWIST], state[model.GYRO_BIAS])
 
     at_zero = np.zeros(model.SIZE)
-    H = -difference(lambda state: correction(state).residual, at_zero)
-    assert_allclose(correction(at_zero).H, H, atol=1e-8)
-    assert H.shape == (rows, model.SIZE)
-    assert_allclose(correction(at_zero).residual[6:], [-0.4, 0.2][: rows - 6])
-    # The origin is off the axle by 2 m: it sways with yaw and pitch.
-    slip = 0.25**2 / SECONDS + np.square([2.0 * 0.3, 2.0 * 0.05])
-    assert_allclose(correction(at_zero).noise[6:], slip[: rows - 6])
+    assert_allclose(error(at_zero), 0.1)
+    assert_allclose(model.TWIST_ROWS, -difference(error, at_zero), atol=1e-8)
+    # The measured twist is the caller's.
+    assert_allclose(measured, TWIST + 0.1)
 
 
-def test_of_what_is_known_at_the_start_biases_walk_and_all_is_uncertain() -> None:
-    settings = RobocentricSettings(
-        prior_pose_variance=0.5, gyro_bias_walk_std=0.2, velocity_bias_walk_std=0.1
-    )
-    expected = [0.0] * 12 + [0.04] * 3 + [0.01] * 2 + [0.0]
+def test_of_what_is_known_at_the_start_the_bias_walks_and_all_is_uncertain() -> None:
+    settings = RobocentricSettings(prior_pose_variance=0.5, gyro_bias_walk_std=0.2)
+    expected = [0.0] * 12 + [0.04] * 3 + [0.0]
     assert_allclose(model.walk_densities(settings), expected)
     prior = np.diag(model.prior_covariance(settings))
     assert_allclose(prior[model.POSE], 0.5)

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from vislam_ros.core.linalg.gating import deletion_gate, mahalanobis_squared, passes_gates
+from vislam_ros.core.linalg.gating import (
+    Inliers,
+    deletion_gate,
+    deletion_residuals,
+    mahalanobis_squared,
+    passes_gates,
+    without,
+)
 from vislam_ros.core.linalg.linear_update import diagonal_blocks
 
 
@@ -89,3 +96,68 @@ def test_without_a_gate_all_innovations_agree():
     agreed = deletion_gate(0.0, np.full((4, 3), 1e6), np.eye(12))
     assert agreed.indices.tolist() == [0, 1, 2, 3]
     assert len(deletion_gate(16.27, np.empty((0, 3)), np.empty((0, 0))).indices) == 0
+
+
+@pytest.mark.parametrize("rows", [2, 3])
+def test_what_is_left_out_leaves_the_inverse_of_what_stays(rows):
+    rng = np.random.default_rng(22)
+    S = joint_covariance(8, rows, rng)
+    residual = rng.standard_normal((8, rows))
+    inverse = np.linalg.inv(S)
+    all_of_them = Inliers(np.arange(8), inverse, inverse @ residual.ravel())
+    wrong = np.isin(np.arange(8), [1, 6])
+    once = without(all_of_them, wrong, residual)
+    # And once more, of what has stayed.
+    twice = without(once, np.isin(once.indices, [0, 7]), residual)
+    for left, indices in ((once, [0, 2, 3, 4, 5, 7]), (twice, [2, 3, 4, 5])):
+        assert left.indices.tolist() == indices
+        places = (rows * left.indices[:, None] + np.arange(rows)).ravel()
+        expected = np.linalg.inv(S[np.ix_(places, places)])
+        np.testing.assert_allclose(left.inverse, expected, atol=1e-9)
+        np.testing.assert_allclose(left.weighted, expected @ residual.ravel()[places], atol=1e-9)
+        assert left.inverse.flags.c_contiguous
+    none = without(all_of_them, np.zeros(8, dtype=bool), residual)
+    np.testing.assert_allclose(none.inverse, inverse)
+
+
+def joint_covariance(count, rows, rng):
+    half = rng.standard_normal((rows * count, rows * count + 3))
+    return half @ half.T + 0.5 * np.eye(rows * count)
+
+
+@pytest.mark.parametrize("rows", [2, 3])
+def test_deletion_residuals_are_innovations_given_all_the_others_whitened(rows):
+    rng = np.random.default_rng(23)
+    S = joint_covariance(6, rows, rng)
+    residual = rng.standard_normal((6, rows))
+    inverse = np.linalg.inv(S)
+    inliers = Inliers(np.arange(6), inverse, inverse @ residual.ravel())
+    white = deletion_residuals(inliers, rows)
+    for i in range(6):
+        own = rows * i + np.arange(rows)
+        others = np.setdiff1d(np.arange(6 * rows), own)
+        gain = S[np.ix_(own, others)] @ np.linalg.inv(S[np.ix_(others, others)])
+        error = residual[i] - gain @ residual.ravel()[others]
+        covariance = S[np.ix_(own, own)] - gain @ S[np.ix_(others, own)]
+        # A root of the covariance's inverse; upper triangular, by which each number is one's own.
+        root = np.linalg.cholesky(np.linalg.inv(covariance)).T
+        np.testing.assert_allclose(white[i], root @ error, atol=1e-9)
+        np.testing.assert_allclose(white[i] @ white[i], error @ np.linalg.solve(covariance, error))
+
+
+def test_deletion_residuals_of_right_innovations_are_white():
+    rng = np.random.default_rng(24)
+    S = joint_covariance(5, 3, rng)
+    inverse, root = np.linalg.inv(S), np.linalg.cholesky(S)
+    found = []
+    for _ in range(20_000):
+        weighted = inverse @ root @ rng.standard_normal(15)
+        found.append(deletion_residuals(Inliers(np.arange(5), inverse, weighted), 3))
+    for of_one in np.swapaxes(found, 0, 1):
+        np.testing.assert_allclose(np.cov(of_one.T), np.eye(3), atol=0.05)
+        np.testing.assert_allclose(np.mean(of_one, axis=0), 0.0, atol=0.03)
+
+
+def test_of_no_innovations_there_are_no_deletion_residuals():
+    nothing = Inliers(np.arange(0), np.empty((0, 0)), np.empty(0))
+    assert deletion_residuals(nothing, 3).shape == (0, 3)

@@ -28,7 +28,7 @@ def test_the_walk_of_each_axis_is_found_while_vision_sees_it(ratio: float, tau: 
         gain = variance_before / (variance_before + vision**2)
         mean = mean + gain * (u + vision * rng.standard_normal(6) - mean)
         variance = (1 - gain) * variance_before
-        noise.update(mean - before, variance_before, variance, np.ones(6), tau)
+        noise.update(mean - before, variance_before, variance, np.zeros(6), np.ones(6), tau)
     assert_allclose(np.sqrt(noise.walk_variance), walk, rtol=0.2)
 
 
@@ -46,7 +46,14 @@ def test_motion_that_jerks_on_other_axes_is_not_taken_for_noise(quiet: int) -> N
 def test_a_twist_that_never_changes_keeps_some_room() -> None:
     noise = MotionNoise(TWIST, np.zeros(6), FrameRate())
     for _ in range(2000):
-        noise.update(np.zeros(6), 0.1 * noise.walk_variance + 1e-12, np.zeros(6), np.ones(6), 0.1)
+        noise.update(
+            np.zeros(6),
+            0.1 * noise.walk_variance + 1e-12,
+            np.zeros(6),
+            np.zeros(6),
+            np.ones(6),
+            0.1,
+        )
     assert_allclose(np.sqrt(noise.walk_variance), np.repeat([3e-3, 3e-4], 3))
 
 
@@ -54,7 +61,7 @@ def test_a_twist_without_any_noise_keeps_some() -> None:
     noise = MotionNoise(TWIST, WALK, FrameRate())
     for _ in range(60):
         noise.add(np.array([1.0, 0, 0, 0, 0, 0.1]))
-        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.zeros(6), 0.1)
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.zeros(6), np.zeros(6), 0.1)
     assert_allclose(np.sqrt(noise.twist_variance), np.repeat([1e-5, 1e-6], 3))
 
 
@@ -67,7 +74,7 @@ def test_what_vision_sees_of_the_measured_twists_noise_counts_where_it_is_less()
     for std, expected in ((0.1, 0.1), (10.0, 0.4)):
         for _ in range(3000):
             unexplained = np.repeat([std, 0.1 * std], 3) ** 2
-            noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, unexplained, 0.1)
+            noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.zeros(6), unexplained, 0.1)
         levels = np.sqrt(noise.twist_variance)
         assert_allclose(levels, np.repeat([expected, 0.1 * expected], 3), rtol=0.15)
 
@@ -79,7 +86,9 @@ def test_what_vision_has_seen_fades_within_half_a_minute_at_any_rate(rate: Frame
         for _ in range(seconds * rate.hertz):
             # Vision sees all of the motion, so that the walk is the mean square of its changes.
             before = tau * noise.walk_variance
-            noise.update(np.sqrt(tau * squares), before, np.zeros(6), 0.01 * squares, tau)
+            noise.update(
+                np.sqrt(tau * squares), before, np.zeros(6), np.zeros(6), 0.01 * squares, tau
+            )
     expected = 0.2**2 + (0.1**2 - 0.2**2) * np.exp(-1)
     assert_allclose(noise.walk_variance, expected, rtol=0.01)
     assert_allclose(noise.twist_variance, 0.01 * expected, rtol=0.01)
@@ -89,7 +98,7 @@ def test_the_prior_of_the_walk_counts_as_five_steps() -> None:
     noise = MotionNoise(TWIST, WALK, FrameRate())
     for steps in (1, 2, 3):
         before = 0.1 * noise.walk_variance
-        noise.update(np.sqrt(0.1) * 2 * WALK, before, np.zeros(6), np.ones(6), 0.1)
+        noise.update(np.sqrt(0.1) * 2 * WALK, before, np.zeros(6), np.zeros(6), np.ones(6), 0.1)
         assert_allclose(noise.walk_variance, (5 + 4 * steps) / (5 + steps) * WALK**2)
 
 
@@ -97,7 +106,7 @@ def test_what_remains_uncertain_of_a_change_counts_with_what_is_seen_of_it() -> 
     noise = MotionNoise(TWIST, WALK, FrameRate())
     # Twice as much was unknown as the step has added, and half of that still is.
     Q = 0.1 * WALK**2
-    noise.update(np.sqrt(Q), 2 * Q, Q, np.ones(6), 0.1)
+    noise.update(np.sqrt(Q), 2 * Q, Q, np.zeros(6), np.ones(6), 0.1)
     assert_allclose(noise.walk_variance, WALK**2 * (5 + (1 / 4 + 1 - 1 / 4)) / 6)
 
 
@@ -106,8 +115,31 @@ def test_vision_bounds_the_twists_noise_from_fifty_steps_on() -> None:
     for steps in range(1, 52):
         # The mean over a sensor's axes, and over the steps.
         squares = np.array([1, 2, 6, 2, 3, 4]) * (2 if steps % 2 else 1) * 1e-4
-        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, squares, 0.1)
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.zeros(6), squares, 0.1)
         if steps < 50:
             assert_allclose(noise.twist_variance, TWIST**2)
         elif steps == 50:
             assert_allclose(noise.twist_variance, np.full(6, 4.5e-4))
+
+
+def test_a_slow_error_of_the_twist_is_its_noise_where_vision_contradicts_it() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    # A smooth velocity that points beside the motion in three steps of four, as others tell.
+    slow = np.array([0.0, 0.3, 0.3, 0.0, 0.0, 0.0])
+    for step in range(60):
+        noise.add(np.full(6, 0.1 * step))
+        error = slow if step % 4 else np.zeros(6)
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, error, np.full(6, 1e-6), 0.1)
+    velocity, turn_rate = noise.twist_variance[0], noise.twist_variance[3]
+    assert_allclose(velocity, 1.4826**2 * 2 * 0.09 / 3, rtol=1e-3)
+    assert turn_rate < 1e-3
+
+
+def test_a_few_wrong_steps_do_not_make_it_noise() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    for step in range(60):
+        noise.add(np.full(6, 0.1 * step))
+        error = np.full(6, 0.0 if step % 4 else 3.0)
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, error, np.full(6, 1e-6), 0.1)
+    white = noise.twist_variance
+    assert np.all(white < 0.01)

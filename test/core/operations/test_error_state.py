@@ -22,6 +22,7 @@ class Listener:
     def __init__(self) -> None:
         self.operations: list[Operation[Any]] = []
         self.covariances: list[Array] = []
+        self.last: Operation[Any] | None = None
 
     def begin(self, vehicle_size: int, covariance: Array) -> None:
         assert vehicle_size == S
@@ -30,7 +31,8 @@ class Listener:
     def record(self, operation: Operation[Any]) -> None:
         self.operations.append(operation)
 
-    def end_step(self, covariance: Array) -> None:
+    def end_step(self, covariance: Array, last: Operation[Any] | None) -> None:
+        self.last = last
         self.covariances.append(covariance.copy())
 
 
@@ -46,6 +48,17 @@ def test_what_is_applied_is_recorded_and_each_step_ends_at_its_pose() -> None:
     assert_array_equal(tape.operations[2].T_world_body, 2 * np.eye(4))
     assert_array_equal(tape.covariances[0], np.eye(S))
     assert_array_equal(tape.covariances[1], state.covariance)
+    assert tape.last is None
+
+
+def test_what_is_said_of_the_whole_drive_is_told_to_the_tape_and_not_applied() -> None:
+    tape = Listener()
+    state = ErrorState(np.eye(S), S, tape)
+    last = VehicleCorrection(np.zeros(1), np.ones(1), np.eye(1, S))
+    state.end_step(np.eye(4), last)
+    assert tape.last is last
+    assert len(tape.operations) == 1
+    assert_array_equal(state.covariance, np.eye(S))
 
 
 def test_an_operation_that_fails_changes_and_records_nothing() -> None:

@@ -37,7 +37,6 @@ def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
         chi2_gate=chi2_gate,
         retire_after=retire_after,
         rest_after_rejection=2,
-        stale_disparity=0.05,
         prior_pose_variance=1e-4,
     )
     recorded = Tape()
@@ -47,7 +46,10 @@ def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
         dense.step(increment, frame)
     smoothed = smooth(recorded)
 
-    poses, pose_covariances = dense.smoothed()
+    told = dense.told()
+    # Both beliefs count.
+    assert 0.05 < told.none < 0.99
+    poses, pose_covariances = dense.smoothed(told)
     np.testing.assert_allclose(smoothed.poses, poses, rtol=0, atol=1e-9)
     np.testing.assert_allclose(smoothed.pose_covariances, pose_covariances, rtol=0, atol=1e-9)
 
@@ -62,7 +64,7 @@ def test_final_map_and_smoothed_poses_are_those_of_the_filter_that_keeps_all(
         np.concatenate([smoothed.covariances[mapped], covariances[tracked]]),
         strict=True,
     ):
-        exact_position, exact_covariance = dense.landmark(key)
+        exact_position, exact_covariance = dense.landmark(key, told)
         np.testing.assert_allclose(position, exact_position, rtol=0, atol=1e-9)
         # Covariances of far landmarks are thousands of square metres.
         size = max(1.0, np.abs(exact_covariance).max())

@@ -50,7 +50,7 @@ def test_estimators_are_swept_beside_each_other_and_what_one_does_not_use_is_tol
     swept = plan(
         slam_node__estimator=("joint", "robocentric", "dead_reckoning"),
         slam_node__min_disparity=(2.0, 3.0),
-        slam_node__slip_std=(0.5,),
+        slam_node__gyro_bias_std=(0.5,),
     )
     assert [run.slam.estimator for run in swept.runs] == [
         estimator for estimator in ("joint", "robocentric", "dead_reckoning") for _ in range(2)
@@ -60,11 +60,11 @@ def test_estimators_are_swept_beside_each_other_and_what_one_does_not_use_is_tol
     assert swept.runs[2].slam == swept.runs[3].slam
     assert len({run.key for run in swept.runs}) == 6
     assert swept.unused_notes() == [
-        "slip_std: set, but not used by estimator joint",
+        "gyro_bias_std: set, but not used by estimator joint",
         "min_disparity: set, but not used by estimator robocentric",
-        "min_disparity, slip_std: set, but not used by estimator dead_reckoning",
+        "gyro_bias_std, min_disparity: set, but not used by estimator dead_reckoning",
     ]
-    assert plan(slam_node__slip_std=(0.5,)).unused_notes() == []
+    assert plan(slam_node__gyro_bias_std=(0.5,)).unused_notes() == []
 
 
 def test_in_a_simulated_sweep_the_seed_is_the_simulations():

@@ -3,7 +3,7 @@
 """What every filter takes and gives."""
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,20 @@ from vislam_ros.core.motion import Increment, Twist
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 
 Array = NDArray[np.float64]
+
+
+class Pose(NamedTuple):
+    """Pose of the body.
+
+    Attributes
+    ----------
+    T_world_body : ndarray, (4, 4)
+    covariance : ndarray, (6, 6)
+        Of the pose error ``[rho; theta]`` on the right.
+    """
+
+    T_world_body: Array
+    covariance: Array
 
 
 @dataclass(frozen=True)
@@ -29,6 +43,9 @@ class Outcome:
         Normalised innovation squared of the used observations together.
     nis_dof : int
         Its degrees of freedom.
+    pose : Pose or None
+        What to tell of the body's pose, where the filter weighs several models; None where it is
+        the filter's own.
     twist : Twist or None
         Of the body over the step; None where the filter has none in its state.
     estimates : tuple of Estimate
@@ -40,6 +57,7 @@ class Outcome:
     rejected: Keys = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     nis: float = 0.0
     nis_dof: int = 0
+    pose: Pose | None = None
     twist: Twist | None = None
     estimates: tuple[Estimate, ...] = ()
 

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.compiled import compiled
-from vislam_ros.core.filters.robocentric_model import POSE_AND_LENS, SIZE
+from vislam_ros.core.filters.robocentric_model import LENS, POSE, POSE_AND_LENS, SIZE
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.motion import symmetrized
+from vislam_ros.core.operations.bias_belief import BiasBelief
 from vislam_ros.core.operations.marginalization import WorldPositions
 from vislam_ros.core.tracking.tracked_frame import Keys
 
@@ -112,6 +113,24 @@ def world_positions(camera: StereoCamera, points: ImagePoints) -> Positions:
         + J_y @ points.own @ np.swapaxes(J_y, -1, -2)
     )
     return Positions(means, symmetrized(covariances), J_s, J_y)
+
+
+def points_of_both(
+    camera: StereoCamera, points: ImagePoints, rows: NDArray[np.int64], belief: BiasBelief
+) -> ImagePoints:
+    """Landmarks in rows (m, 3) of one state, as the beliefs in a bias and in none have them."""
+    if not belief.changes:
+        return points
+    delta = belief.delta
+    of_points, of_state = belief.gain[rows], belief.gain[POSE_AND_LENS]
+    spread_points, spread_state = of_points @ belief.spread, of_state @ belief.spread
+    return ImagePoints(
+        y=points.y + delta[rows] + delta[LENS] * radial_shift(camera, points.y),
+        own=points.own + spread_points @ of_points.swapaxes(1, 2),
+        cross=points.cross + spread_points @ of_state.T,
+        pose_and_lens=points.pose_and_lens + spread_state @ of_state.T,
+        T_world_body=points.T_world_body @ se3.exp(delta[POSE]),
+    )
 
 
 def positions_of_all(

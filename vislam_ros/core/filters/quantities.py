@@ -17,9 +17,6 @@ ANGULAR_VELOCITY = Quantity(
     "angular_velocity", "rad/s", "angular velocity of the body in its own axes, likewise", _XYZ
 )
 GYRO_BIAS = Quantity("gyro_bias", "rad/s", "what the gyroscope reads too much", _XYZ)
-VELOCITY_BIAS = Quantity(
-    "velocity_bias", "m/s", "what the measured velocity has too much, sideways and up", ("y", "z")
-)
 LENS_DISTORTION = Quantity(
     "lens_distortion", "", "radial distortion that rectification has left (kappa)"
 )
@@ -53,7 +50,6 @@ ANGULAR_VELOCITY_WALK_STD = Quantity(
 OF_EVERY_STEP = (VELOCITY, ANGULAR_VELOCITY)
 OF_ROBOCENTRIC = (
     GYRO_BIAS,
-    VELOCITY_BIAS,
     LENS_DISTORTION,
     PIXEL_NOISE_STD,
     VELOCITY_NOISE_STD,

@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The joint EKF in disparity space, with the body's twist and the sensors' biases in its state.
+"""The joint EKF in disparity space, with the body's twist and the gyroscope's bias in its state.
 
 A landmark is its image point ``y = (u_left, u_right, v)`` in the current left camera. Its first
 observation is itself the landmark's estimate, its noise the landmark's covariance, and it depends
@@ -11,20 +11,7 @@ included.
 Image points are kept free of the lens's distortion, observations are freed of it by the present
 kappa, and a landmark's error is the one that remains at a given kappa: ``y = y_hat + delta_y +
 D(y_hat) delta_kappa`` (see lens). So a wrong kappa shows in the motion of image points only, as
-it does in a camera.
-
-These are the terms of the EKF (the report's eq. 25-36), as robocentric_model and warp have them::
-
-    state  T, u, b_g, b_v, kappa, y_1 ... y_n: pose, twist, biases of gyroscope and velocity,
-           lens, landmarks; T = T_hat Exp(xi), all other errors are differences
-    Q      tau blkdiag(0, W_u, W_g, W_v, 0), a random walk of u and of the biases alone
-    F      [ Ad(Exp(-tau u))  tau J_r      0  0                0           ]  xi
-           [ 0                I            0  0                0           ]  delta_u
-           [ 0                0            I  0                0           ]  delta_b
-           [ 0                0            0  1                0           ]  delta_kappa
-           [ 0                tau G_i J_r  0  F_i D_i - D_i+   blkdiag F_i ]  delta_y_i
-    h, H   of the twist: [v + b_v; omega + b_g], [0 I B 0 0]; of no slip: v_y and v_z
-           of the image: y, [0 I]
+it does in a camera. The terms of the EKF (the report's eq. 25-36) are in robocentric_model.
 
 A step from stamp k - 1 to k, of tau seconds; where it spans many samples of the twist, 2 to 4 are
 taken sample by sample, and where samples are missing, 3 is left out:
@@ -36,10 +23,12 @@ taken sample by sample, and where samples are missing, 3 is left out:
 4. The body moves, ``T <- T Exp(tau u)``, and every landmark is warped by the same motion, ``P <- F
    P F^T``. No noise enters here: all of it is in u, whose correlation with pose and landmarks is
    kept. Landmarks that are behind the camera now are marginalized before.
-5. The frame's image points correct everything, but for those that gates reject; the landmarks of
-   these are marginalized before.
+5. The frame's image points correct everything, but for those that gates reject, of a frame or of
+   all of a track's together; the landmarks of these are marginalized before. What is far off for
+   its track counts for less.
 6. The noise of the motion is learned from what vision has seen of it.
 7. Landmarks seen for the first time are initialized.
+8. Bias and none are weighed against each other; what is told is their mean (see bias_belief).
 
 ``test/twins/dense_robocentric.py`` is the same filter in plain numpy, without regard to speed; a
 test holds the two together to 1e-9.
@@ -49,16 +38,16 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from vislam_ros.core.columns import Estimate
 from vislam_ros.core.filters import quantities
-from vislam_ros.core.filters.estimator import Outcome
+from vislam_ros.core.filters.estimator import Outcome, Pose
 from vislam_ros.core.filters.image_point_map import (
     ImagePointMap,
     ImagePoints,
     has_position,
+    points_of_both,
     positions_of_all,
     world_positions,
 )
@@ -70,10 +59,10 @@ from vislam_ros.core.filters.robocentric_model import (
     POSE_AND_LENS,
     SIZE,
     TWIST,
-    VELOCITY_BIAS,
-    TwistMeasurement,
+    TWIST_ROWS,
     prior_covariance,
     transition_of,
+    twist_error,
     walk_densities,
 )
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
@@ -82,14 +71,16 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import warp
-from vislam_ros.core.linalg.gating import Inliers, deletion_gate, passes_gates
+from vislam_ros.core.linalg import gating
 from vislam_ros.core.motion import Increment, Twist
-from vislam_ros.core.noise.disparity_prior import DisparityPrior
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
+from vislam_ros.core.noise.track_runs import TrackRuns
+from vislam_ros.core.operations.bias_belief import BiasBelief, bias_belief
+from vislam_ros.core.operations.correction import VehicleCorrection
 from vislam_ros.core.operations.direct_correction import DirectCorrection
-from vislam_ros.core.operations.error_state import ErrorState, Recorder
+from vislam_ros.core.operations.error_state import ErrorState, Operation, Recorder, Result
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
 from vislam_ros.core.operations.transition import RandomWalk
@@ -103,7 +94,9 @@ _SHORTEST_STEP = 1e-4
 
 
 class RobocentricFilter:
-    """EKF over ``[xi; delta u; delta b_g; delta b_v; delta kappa; delta y_1; ...; delta y_n]``.
+    """EKF over ``[xi; delta u; delta b; delta kappa; delta y_1; ...; delta y_n]``.
+
+    What it keeps is given a bias; an outcome, and the map, are the mean of that and of none.
 
     Parameters
     ----------
@@ -121,8 +114,6 @@ class RobocentricFilter:
         Radians a second.
     kappa : float
         What rectification has left of the lens's radial distortion (see lens).
-    velocity_bias : ndarray, (2,)
-        Of the measured velocity's y and z, metres a second.
     keys : ndarray of int64, (n,)
         The active landmarks.
     image_points : ndarray, (n, 3)
@@ -148,22 +139,21 @@ class RobocentricFilter:
             self._frame_rate,
             learns=settings.learn_noise,
         )
-        self._disparity_prior = DisparityPrior() if settings.disparity_prior else None
-        self._twist_measurement = TwistMeasurement(settings.slip_std, settings.axle_distance)
+        self._track_runs = TrackRuns()
         self._walk_densities = walk_densities(settings)
         self._state = ErrorState(prior_covariance(settings), SIZE, tape)
         self._marginalized = ImagePointMap(camera)
+        self._believed: BiasBelief | None = None  # of the present state
         self.T_world_body = np.eye(4)
         self.twist = np.zeros(6)
         self.gyro_bias = np.zeros(3)
-        self.velocity_bias = np.zeros(2)
         self.kappa = 0.0
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.image_points: Array = np.empty((0, 3))
 
     @property
     def covariance(self) -> Array:
-        """Covariance (18 + 3 n, 18 + 3 n) of the error state."""
+        """Covariance (16 + 3 n, 16 + 3 n) of the error state."""
         return self._state.covariance
 
     @property
@@ -201,21 +191,27 @@ class RobocentricFilter:
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)
-        self._initialize(frame.keys[new], frame.pixels[new], frame.copied[new])
-        self._state.end_step(self.T_world_body)
+        self._initialize(frame.keys[new], frame.pixels[new])
+        belief = self._belief()
+        last = belief.as_correction(GYRO_BIAS, SIZE) if self._state.is_recorded else None
+        self._state.end_step(self.T_world_body, last)
+        delta, gain = belief.delta, belief.gain[:SIZE]
+        P = self.covariance[:SIZE, :SIZE] + gain @ belief.spread @ gain.T
         return replace(
             outcome,
             admitted=int(np.count_nonzero(new)),
             rejected=np.concatenate([outcome.rejected, frame.keys[contradicted]]),
-            twist=Twist(self.twist, self.covariance[TWIST, TWIST].copy()),
-            estimates=self._estimates(),
+            pose=Pose(self.T_world_body @ se3.exp(delta[POSE]), P[POSE, POSE].copy()),
+            twist=Twist(self.twist + delta[TWIST], P[TWIST, TWIST].copy()),
+            estimates=self._estimates(belief, P.diagonal()),
         )
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
         keys, means, covariances = self._marginalized.all()
         tracked = np.flatnonzero(self._has_position())
-        positions = world_positions(self._camera, self._image_points_of(tracked))
+        points = self._told(self._image_points_of(tracked), tracked)
+        positions = world_positions(self._camera, points)
         return (
             np.concatenate([keys, self.keys[tracked]]),
             np.concatenate([means, positions.means]),
@@ -226,35 +222,30 @@ class RobocentricFilter:
         """Leave landmarks (n,) out of the state; those with a position enter the map."""
         if not gone.any():
             return
-        keys, points = self.keys[gone], self._image_points_of(np.flatnonzero(gone))
+        keys, slots = self.keys[gone], np.flatnonzero(gone)
+        points = self._image_points_of(slots)
         mapped = has_position(points.y, points.own)
-        self._marginalized.add(keys[mapped], points.of(mapped))
+        if mapped.any():
+            self._marginalized.add(keys[mapped], self._told(points.of(mapped), slots[mapped]))
         positions = partial(positions_of_all, self._camera, points, mapped)
-        self._state.apply(Marginalization(keys, gone, positions))
+        self._apply(Marginalization(keys, gone, positions))
         self._track_noise.remove(gone)
+        self._track_runs.remove(gone)
         self.keys, self.image_points = self.keys[~gone], self.image_points[~gone]
 
     def _walk(self, tau: float) -> tuple[Array, Array]:
         """``P <- P + Q``; return the twist (6,) and its variances (6,) as they stand then."""
         self._walk_densities[TWIST] = self._motion_noise.walk_variance
-        self._state.apply(RandomWalk(np.diag(tau * self._walk_densities)))
+        self._apply(RandomWalk(np.diag(tau * self._walk_densities)))
         return self.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
 
     def _measure_twist(self, measured: Array, tau: float) -> None:
         """Correct by the prediction's mean twist (6,) over tau seconds."""
         self._motion_noise.add(measured)
         self._twist_variance = self._motion_noise.twist_variance
-        error = self._twist_error(measured)
-        correction = self._twist_measurement.correction(
-            error, self._twist_variance, self.twist, tau
-        )
-        self._shift(self._state.apply(correction).delta)
-
-    def _twist_error(self, measured: Array) -> Array:
-        """What a measured twist (6,) is off from the estimate."""
-        return self._twist_measurement.error(
-            measured, self.twist, self.gyro_bias, self.velocity_bias
-        )
+        error = twist_error(measured, self.twist, self.gyro_bias)
+        correction = VehicleCorrection(error, self._twist_variance, TWIST_ROWS)
+        self._shift(self._apply(correction).delta)
 
     def _move(self, tau: float) -> Keys:
         """Move the body and warp every landmark; return the keys of those behind the camera."""
@@ -264,22 +255,21 @@ class RobocentricFilter:
         if len(behind_camera):
             self._marginalize(~warped.ahead)
             warped = warp(self._camera, self.image_points, motion)
-        self._state.apply(
-            transition_of(self._camera, self.image_points, warped, motion, self.twist, tau)
-        )
+        F = transition_of(self._camera, self.image_points, warped, motion, self.twist, tau)
+        self._apply(F)
         self.T_world_body = self.T_world_body @ motion
         self.image_points = warped.y
         return behind_camera
 
     def _correct(self, keys: Keys, slots: NDArray[np.int64], pixels: Array) -> Outcome:
         """Correct by observations of active landmarks; marginalize those of outliers."""
-        if len(keys) < self._settings.min_observations:
+        if not len(keys):
             return Outcome()
         residual = self._straight(pixels) - self.image_points[slots]
         noise = self._track_noise.variances(slots)
         try:
             inliers = self._inliers(slots, residual, noise)
-        except scipy.linalg.LinAlgError:
+        except np.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             self._marginalize(is_member(self.keys, keys))
             return Outcome(rejected=keys)
@@ -291,63 +281,68 @@ class RobocentricFilter:
         if not len(slots):
             return Outcome(rejected=rejected)
         used = self._track_noise.components
-        corrected = self._state.apply(
-            DirectCorrection(residual[:, used], noise[:, used], slots, used, inliers)
-        )
+        tails = self._track_noise.with_tails(slots, noise, inliers.inverse, inliers.weighted)
+        seen, R, R_tails = residual[:, used], noise[:, used], tails[:, used]
+        inliers = gating.with_more_noise(inliers, (R_tails - R).ravel(), seen)
+        corrected = self._apply(DirectCorrection(seen, R_tails, slots, used, inliers))
         self._track_noise.update(slots, residual, inliers.inverse.diagonal(), inliers.weighted)
         self._shift(corrected.delta)
-        dof = len(inliers.weighted)
-        return Outcome(len(slots), rejected=rejected, nis=corrected.nis, nis_dof=dof)
+        return Outcome(
+            len(slots), rejected=rejected, nis=corrected.nis, nis_dof=len(inliers.weighted)
+        )
 
-    def _inliers(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> Inliers:
-        """Innovations (n, 3) that pass their own gates and agree with all the others."""
+    def _inliers(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> gating.Inliers:
+        """Innovations (n, 3) that pass their own gates, and agree with the others and in time."""
         gate = self._track_noise.gate(self._settings.chi2_gate)
         own = self._state.landmark_covariances()[slots]
         expected = self._track_noise.expected(noise, self.image_points[slots])
         np.einsum("nii->ni", own)[:] += expected
-        alone = np.flatnonzero(passes_gates(residual, own, gate, self._settings.pixel_gate))
+        alone = np.flatnonzero(gating.passes_gates(residual, own, gate, self._settings.pixel_gate))
         used = self._track_noise.components
         numbers = alone[:, None], used
         together = DirectCorrection(residual[numbers], noise[numbers], slots[alone], used)
-        agreed = deletion_gate(gate, together.residual, together.inverse_in(self._state))
+        agreed = gating.deletion_gate(gate, together.residual, together.inverse_in(self._state))
+        white = gating.deletion_residuals(agreed, len(used))
+        distances = self._track_runs.update(slots[alone[agreed.indices]], used, white)
+        if gate > 0 and np.any(distances > gate):
+            agreed = gating.without(agreed, distances > gate, together.residual)
         return agreed._replace(indices=alone[agreed.indices])
 
     def _learn_motion_noise(
         self, twist_before: Array, variances_before: Array, measured: Array, tau: float
     ) -> None:
         """Learn the noise of the motion from a step of tau seconds that vision has seen."""
-        P, H = self._state.vehicle_covariance, self._twist_measurement.H[:6]
+        P, H = self._state.vehicle_covariance, TWIST_ROWS
         change, variances = self.twist - twist_before, P.diagonal()[TWIST]
-        unexplained = self._twist_error(measured) ** 2 + np.sum((H @ P) * H, axis=1)
-        self._motion_noise.update(change, variances_before, variances, unexplained, tau)
+        error = twist_error(measured, self.twist, self.gyro_bias)
+        spread = np.sum((H @ P) * H, axis=1)
+        self._motion_noise.update(change, variances_before, variances, error, spread, tau)
 
-    def _initialize(self, keys: Keys, pixels: Array, copied: NDArray[np.bool_]) -> None:
+    def _initialize(self, keys: Keys, pixels: Array) -> None:
         """Add landmarks at their first observation."""
         if not len(keys):
             return
         y = self._straight(pixels)
         self._track_noise.initialize_level(self._observation.row_mismatch(pixels))
-        noise = self._track_noise.of_new_tracks(y)
-        # A track that begins at a copied pixel has the disparity of the point it stood for before.
-        stale = self._settings.stale_disparity * np.abs(y[:, 0] - y[:, 1])
-        noise[copied, 1, 1] += stale[copied] ** 2
-        if self._disparity_prior is not None:
-            y, noise = self._disparity_prior.apply(y, noise)
-        self._state.apply(Initialization(noise))
+        self._apply(Initialization(self._track_noise.of_new_tracks(y)))
         self._track_noise.add(len(keys))
+        self._track_runs.add(len(keys))
         self.keys = np.concatenate([self.keys, keys])
         self.image_points = np.concatenate([self.image_points, y])
+
+    def _apply(self, operation: Operation[Result]) -> Result:
+        """Change the error state."""
+        self._believed = None
+        return self._state.apply(operation)
 
     def _shift(self, delta: Array) -> None:
         """Move the estimate by an error (D,)."""
         self.T_world_body = self.T_world_body @ se3.exp(delta[POSE])
         self.twist = self.twist + delta[TWIST]
         self.gyro_bias = self.gyro_bias + delta[GYRO_BIAS]
-        self.velocity_bias = self.velocity_bias + delta[VELOCITY_BIAS]
         self.kappa += float(delta[LENS])
-        change = delta[SIZE:].reshape(-1, 3)
-        change += delta[LENS] * radial_shift(self._camera, self.image_points)
-        self.image_points = self.image_points + change
+        shift = delta[LENS] * radial_shift(self._camera, self.image_points)
+        self.image_points = self.image_points + (delta[SIZE:].reshape(-1, 3) + shift)
 
     def _straight(self, pixels: Array) -> Array:
         """Observed image points (n, 3), freed of distortion."""
@@ -364,19 +359,28 @@ class RobocentricFilter:
             T_world_body=self.T_world_body,
         )
 
+    def _told(self, points: ImagePoints, slots: NDArray[np.int64]) -> ImagePoints:
+        """Landmarks for the map: those of the belief in a bias and of that in none."""
+        return points_of_both(self._camera, points, self._state.rows_of(slots), self._belief())
+
+    def _belief(self) -> BiasBelief:
+        if self._believed is None:
+            prior = self._settings.gyro_bias_std**2
+            self._believed = bias_belief(self.covariance, GYRO_BIAS, self.gyro_bias, prior)
+        return self._believed
+
     def _has_position(self) -> NDArray[np.bool_]:
         return has_position(self.image_points, self._state.landmark_covariances())
 
-    def _estimates(self) -> tuple[Estimate, ...]:
-        """What else is in the vehicle's state, and the noise as it is learned."""
-        std = np.sqrt(np.maximum(self._state.vehicle_covariance.diagonal(), 0.0))
+    def _estimates(self, belief: BiasBelief, variances: Array) -> tuple[Estimate, ...]:
+        """What else is in the vehicle's state (16,), and the noise as it is learned."""
+        delta, std = belief.delta, np.sqrt(np.maximum(variances, 0.0))
         pixel_variance = self._track_noise.level * sum(self._settings.pixel_variance) / 4
         twist_noise_std = np.sqrt(self._twist_variance)
         walk_std = np.sqrt(self._motion_noise.walk_variance)
         return (
-            Estimate(quantities.GYRO_BIAS, self.gyro_bias, std[GYRO_BIAS]),
-            Estimate(quantities.VELOCITY_BIAS, self.velocity_bias, std[VELOCITY_BIAS]),
-            Estimate(quantities.LENS_DISTORTION, self.kappa, std[LENS]),
+            Estimate(quantities.GYRO_BIAS, self.gyro_bias + delta[GYRO_BIAS], belief.bias_std),
+            Estimate(quantities.LENS_DISTORTION, self.kappa + float(delta[LENS]), std[LENS]),
             Estimate(quantities.PIXEL_NOISE_STD, pixel_variance**0.5),
             Estimate(quantities.VELOCITY_NOISE_STD, twist_noise_std[0]),
             Estimate(quantities.ANGULAR_VELOCITY_NOISE_STD, twist_noise_std[3]),

@@ -2,11 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The models of the robocentric filter: vehicle state, random walk, measured twist and motion.
 
-*Twist.* The prediction's mean twist over a step is ``z = [v + b_v; omega + b_g] + n``. The
-velocity's direction is off by a slow error on real vehicles (b_v, lateral and vertical: on
-KITTI-360 by up to 5 degrees). A vehicle goes where it points but for some slip, the more where it
-turns and the body's origin is not on the axle that follows: its lateral and vertical velocities
-are measured as zero.
+The state, its random walk and what is observed are ::
+
+    state  T, u, b, kappa, y_1 ... y_n: pose, twist, gyroscope's bias, lens, landmarks;
+           T = T_hat Exp(xi), all other errors are differences
+    Q      tau blkdiag(0, W_u, W_b, 0), a random walk of u and of the bias alone
+    F      [ Ad(Exp(-tau u))  tau J_r      0  0                0           ]  xi
+           [ 0                I            0  0                0           ]  delta_u
+           [ 0                0            I  0                0           ]  delta_b
+           [ 0                0            0  1                0           ]  delta_kappa
+           [ 0                tau G_i J_r  0  F_i D_i - D_i+   blkdiag F_i ]  delta_y_i
+    h, H   of the twist: [v; omega + b], [0 I B 0 0]; of the image: y, [0 I]
+
+*Twist.* The prediction's mean twist over a step is ``z = [v; omega + b_g] + n``.
 
 *Motion.* With ``T <- T Exp(tau u)`` and ``y <- w(y, Exp(tau u))`` the errors go over by ::
 
@@ -28,103 +36,46 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.warp import Warp
 from vislam_ros.core.motion import FIRST_TWIST_STD
-from vislam_ros.core.operations.correction import VehicleCorrection
 from vislam_ros.core.operations.transition import Transition
 
 Array = NDArray[np.float64]
 
-# The vehicle state: pose [rho; theta], twist [v; omega], gyroscope bias, velocity bias, lens.
-POSE, TWIST, GYRO_BIAS, VELOCITY_BIAS = slice(0, 6), slice(6, 12), slice(12, 15), slice(15, 17)
-LENS = 17
-SIZE = 18
+# The vehicle state: pose [rho; theta], twist [v; omega], gyroscope bias, lens.
+POSE, TWIST, GYRO_BIAS = slice(0, 6), slice(6, 12), slice(12, 15)
+LENS = 15
+SIZE = 16
 
 # What a landmark's position in the world depends on besides its image point: pose and lens.
 POSE_AND_LENS = np.array([0, 1, 2, 3, 4, 5, LENS])
 
-# The lateral and vertical velocity, in a twist and in the vehicle state.
-_LATERAL_VERTICAL, _STATE_LATERAL_VERTICAL = slice(1, 3), slice(7, 9)
-# The turn rates that move a place ahead of the origin laterally and vertically: yaw and pitch.
-_YAW_PITCH = np.array([5, 4])
+#: Derivative (6, 16) of the measured twist by the vehicle state.
+TWIST_ROWS: Array = np.zeros((6, SIZE))
+TWIST_ROWS[:, TWIST] = np.eye(6)
+TWIST_ROWS[3:, GYRO_BIAS] = np.eye(3)
 
 
 def prior_covariance(settings: RobocentricSettings) -> Array:
-    """Covariance (18, 18) of the vehicle state before the first frame."""
+    """Covariance (16, 16) of the vehicle state before the first frame."""
     variances = np.empty(SIZE)
     variances[POSE] = settings.prior_pose_variance
     variances[TWIST] = FIRST_TWIST_STD**2
     variances[GYRO_BIAS] = settings.gyro_bias_std**2
-    variances[VELOCITY_BIAS] = settings.velocity_bias_std**2
     variances[LENS] = settings.lens_distortion_std**2
     return np.diag(variances)
 
 
 def walk_densities(settings: RobocentricSettings) -> Array:
-    """Variances (18,) of what the vehicle state changes by in a second, the twist left out."""
+    """Variances (16,) of what the vehicle state changes by in a second, the twist left out."""
     densities = np.zeros(SIZE)
     densities[GYRO_BIAS] = settings.gyro_bias_walk_std**2
-    densities[VELOCITY_BIAS] = settings.velocity_bias_walk_std**2
     return densities
 
 
-class TwistMeasurement:
-    """Measurement of the vehicle state by a twist.
-
-    Parameters
-    ----------
-    slip_std : float
-        White noise of the slip, m/s sqrt(s); 0 for a body that moves in any direction.
-    axle_distance : float
-        How far the origin is from the axle that follows, metres.
-
-    Attributes
-    ----------
-    H : ndarray, (6 or 8, 18)
-        Derivative of the twist, and of the slip, by the vehicle state.
-    """
-
-    def __init__(self, slip_std: float, axle_distance: float):
-        self._slip_std = slip_std
-        self._axle_distance = axle_distance
-        H = np.zeros((8, SIZE))
-        H[:6, TWIST] = np.eye(6)
-        H[3:6, GYRO_BIAS] = np.eye(3)
-        H[_LATERAL_VERTICAL, VELOCITY_BIAS] = np.eye(2)
-        H[6:, _STATE_LATERAL_VERTICAL] = np.eye(2)
-        self.H: Array = H if slip_std > 0 else H[:6]
-
-    def error(
-        self, measured: Array, twist: Array, gyro_bias: Array, velocity_bias: Array
-    ) -> Array:
-        """What a measured twist (6,) is off from the estimate, biases taken into account."""
-        error = measured - twist
-        error[_LATERAL_VERTICAL] -= velocity_bias
-        error[3:] -= gyro_bias
-        return error
-
-    def correction(
-        self, error: Array, variances: Array, twist: Array, tau: float
-    ) -> VehicleCorrection:
-        """Return the correction by a measured twist.
-
-        Parameters
-        ----------
-        error : ndarray, (6,)
-            What it is off.
-        variances : ndarray, (6,)
-            Of its noise.
-        twist : ndarray, (6,)
-            The estimate.
-        tau : float
-            The time that it is the mean of, seconds.
-        """
-        H = self.H
-        slip_rows = len(H) - 6
-        R, residual = np.empty(len(H)), np.empty(len(H))
-        R[:6], R[6:] = variances, self._slip_std**2 / tau
-        R[6:] += np.square(self._axle_distance * twist[_YAW_PITCH])[:slip_rows]
-        residual[:6] = error
-        residual[6:] = -twist[_LATERAL_VERTICAL][:slip_rows]
-        return VehicleCorrection(residual, R, H)
+def twist_error(measured: Array, twist: Array, gyro_bias: Array) -> Array:
+    """What a measured twist (6,) is off from the estimate, the bias taken into account."""
+    error = measured - twist
+    error[3:] -= gyro_bias
+    return error
 
 
 def transition_of(

@@ -6,11 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg import blas, lapack
 
 from vislam_ros.core.compiled import compiled
-from vislam_ros.core.linalg.linear_update import diagonal_blocks
-from vislam_ros.core.motion import symmetrized
+from vislam_ros.core.linalg.linear_update import diagonal_blocks, take
 
 Array = NDArray[np.float64]
 
@@ -113,7 +114,7 @@ def deletion_gate(chi2_gate: float, residual: Array, inverse: Array) -> Inliers:
     Mahalanobis distance is ``w_i^T ((S^-1)_ii)^-1 w_i`` with ``w = S^-1 r``: the deletion residual
     of regression (Cook and Weisberg, *Residuals and Influence in Regression*, 1982, chapter 2).
     One wrong innovation makes others look wrong, so only those go at a time that are at least
-    half as far off as the farthest; without them S^-1 is a Schur complement of itself.
+    half as far off as the farthest.
 
     Parameters
     ----------
@@ -125,19 +126,88 @@ def deletion_gate(chi2_gate: float, residual: Array, inverse: Array) -> Inliers:
         Inverse of their joint covariance S.
     """
     r = residual.shape[1]
-    inliers = np.arange(len(residual))
-    weighted = inverse @ residual.ravel()
-    while chi2_gate > 0 and len(inliers):
-        distance = mahalanobis_squared(weighted.reshape(-1, r), diagonal_blocks(inverse, r))
+    inliers = Inliers(np.arange(len(residual)), inverse, inverse @ residual.ravel())
+    while chi2_gate > 0 and len(inliers.indices):
+        weighted = inliers.weighted.reshape(-1, r)
+        distance = mahalanobis_squared(weighted, diagonal_blocks(inliers.inverse, r))
         worst = float(np.max(distance))
         if worst <= chi2_gate:
             break
-        wrong = distance > max(chi2_gate, _AS_FAR_OFF * worst)
-        stay = np.flatnonzero(np.repeat(~wrong, r))
-        go = np.flatnonzero(np.repeat(wrong, r))
-        cross = inverse[np.ix_(stay, go)]
-        change = cross @ np.linalg.solve(inverse[np.ix_(go, go)], cross.T)
-        inverse = inverse[np.ix_(stay, stay)] - symmetrized(change)
-        inliers = inliers[~wrong]
-        weighted = inverse @ residual[inliers].ravel()
-    return Inliers(inliers, inverse, weighted)
+        inliers = without(inliers, distance > max(chi2_gate, _AS_FAR_OFF * worst), residual)
+    return inliers
+
+
+def without(inliers: Inliers, wrong: NDArray[np.bool_], residual: Array) -> Inliers:
+    """Leave some (k,) of the innovations (n, r) out: S^-1 is a Schur complement of itself."""
+    r = residual.shape[1]
+    stay = np.flatnonzero(np.repeat(~wrong, r))
+    go = np.flatnonzero(np.repeat(wrong, r))
+    cross, inverse = np.empty((len(go), len(stay))), np.empty((len(stay), len(stay)))
+    take(inliers.inverse, go, stay, cross)
+    take(inliers.inverse, stay, stay, inverse)
+    white = _whitened(inliers.inverse[np.ix_(go, go)], cross)
+    inverse -= white.T @ white
+    indices = inliers.indices[~wrong]
+    return Inliers(indices, inverse, inverse @ residual[indices].ravel())
+
+
+def with_more_noise(inliers: Inliers, more: Array, residual: Array) -> Inliers:
+    """Give the inliers' numbers (k r,) more noise: S^-1 by Woodbury's formula.
+
+    Parameters
+    ----------
+    inliers : Inliers
+    more : ndarray, (k r,)
+        What is added to the diagonal of S, square pixels, nowhere negative.
+    residual : ndarray, (k, r)
+        The inliers' innovations, pixels.
+    """
+    changed = np.flatnonzero(more)
+    if not len(changed):
+        return inliers
+    columns = inliers.inverse[changed]
+    inner = columns[:, changed] + np.diag(1.0 / more[changed])
+    white = _whitened(inner, columns)
+    inverse = inliers.inverse - white.T @ white
+    return Inliers(inliers.indices, inverse, inverse @ residual.ravel())
+
+
+def _whitened(A: Array, B: Array) -> Array:
+    """``L^-1 B`` (m, n) with ``A = L L^T`` (m, m), so that ``B^T A^-1 B`` is its square."""
+    factor, failed = lapack.dpotrf(A, lower=1)
+    if failed:
+        raise scipy.linalg.LinAlgError("a part of S^-1 is not positive")
+    white: Array = blas.dtrsm(1.0, factor, B, lower=1)
+    return white
+
+
+@compiled("float64[:, ::1](float64[:, :, ::1], float64[:, ::1])")
+def _deletion_residuals(D: Array, w: Array) -> Array:
+    """Forward substitution ``L^-1 w`` (n, r) for ``D = L L^T`` (n, r, r)."""
+    n, r = w.shape
+    white = w.copy()
+    L = np.empty((r, r))
+    for i in range(n):
+        for j in range(r):
+            for k in range(j + 1):
+                L[j, k] = D[i, j, k]
+                for m in range(k):
+                    L[j, k] -= L[j, m] * L[k, m]
+                if k < j:
+                    L[j, k] /= L[k, k]
+                    white[i, j] -= L[j, k] * white[i, k]
+            L[j, j] = math.sqrt(L[j, j])
+            white[i, j] /= L[j, j]
+    return white
+
+
+def deletion_residuals(inliers: Inliers, r: int) -> Array:
+    """Innovations (k, r) given all the others, whitened: standard normal where all is right.
+
+    With ``(S^-1)_ii = L L^T`` the deletion residual has covariance ``(L L^T)^-1`` and is ``(L
+    L^T)^-1 w_i``, so ``L^-1 w_i`` is white; and innovations of different frames are independent.
+    """
+    white: Array = _deletion_residuals(
+        diagonal_blocks(inliers.inverse, r), inliers.weighted.reshape(-1, r)
+    )
+    return white

@@ -13,15 +13,23 @@ w``, ``w ~ N(0, Q)``, and for the measurement ``z = h(x) + n``, ``n ~ N(0, R)`` 
 
 where - and + stand for before and after all that was measured in the step. Slow errors of the
 model would pass for noise of the measured twist, so the level of its third differences (see
-twist_noise), which know none, bounds it; that alone counts until vision has seen enough. All look
-back only, so the levels are the same live and offline.
+twist_noise), which know none, bounds it; that alone counts until vision has seen enough.
+
+Where the measured twist itself is slowly wrong, that bound is not: a velocity that points some
+degrees beside the motion for minutes, as on KITTI-360, is smooth and repeats itself to the
+centimetre. Vision contradicts it in most steps, so the median of the errors tells, which a few
+wrong tracks do not move; where it exceeds the white noise threefold, it is the noise.
+
+All look back only, so the levels are the same live and offline.
 """
+
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.noise.frame_rate import FrameRate
-from vislam_ros.core.noise.twist_noise import TwistNoise
+from vislam_ros.core.noise.twist_noise import MEDIAN_TO_STD, TwistNoise
 
 Array = NDArray[np.float64]
 
@@ -31,6 +39,10 @@ _MEMORY = 30.0
 # steps, and so many must have been seen before they bound the measured twist's noise.
 _PRIOR_STEPS = 5
 _ENOUGH_STEPS = 50
+# Beyond this many times the white noise, in squares, errors of the measured twist are slow ones.
+_CONTRADICTED = 9.0
+# To save time: their median is taken anew after so many steps.
+_RENEWAL = 10
 # A twist that repeats itself to the last digit is still no better than this [m/s, rad/s].
 _SMALLEST_NOISE = (1e-5, 1e-6)
 # A motion that never changes would make the twist constant for good [m/s/sqrt(s), rad/s/sqrt(s)].
@@ -60,6 +72,9 @@ class MotionNoise:
         self._differences = TwistNoise(twist_std, rate)
         self._learned = 0
         self._unexplained: Array = np.zeros(6)
+        # Absolute errors of the measured twist by step, and what their median makes of the noise.
+        self._errors: deque[Array] = deque()
+        self._typical: Array = np.zeros(6)
         self.walk_variance: Array = np.square(walk_std)
 
     def add(self, twist: Array) -> None:
@@ -75,6 +90,7 @@ class MotionNoise:
         """
         # Number by number: numpy's calls would take ten times as long as the arithmetic.
         std, unexplained = self._differences.std.tolist(), self._unexplained.tolist()
+        typical = self._typical.tolist()
         levels: list[float] = []
         for sensor, smallest in (
             (slice(0, 3), _SMALLEST_NOISE[0]),
@@ -83,11 +99,19 @@ class MotionNoise:
             level = min(std[sensor]) ** 2
             if self._learned >= _ENOUGH_STEPS:
                 level = min(level, sum(unexplained[sensor]) / 3)
+                if sum(typical[sensor]) / 3 > _CONTRADICTED * level:
+                    level = sum(typical[sensor]) / 3
             levels += 3 * [max(level, smallest**2)]
         return np.array(levels)
 
     def update(
-        self, change: Array, before: Array, after: Array, unexplained: Array, tau: float
+        self,
+        change: Array,
+        before: Array,
+        after: Array,
+        error: Array,
+        error_variance: Array,
+        tau: float,
     ) -> None:
         """Learn from a step in which vision has seen the motion.
 
@@ -97,8 +121,8 @@ class MotionNoise:
             ``u+ - u-``: how far the step's measurements have moved the twist.
         before, after : ndarray, (6,)
             Variances P- and P+ of the twist.
-        unexplained : ndarray, (6,)
-            ``E[n^2]`` of the measured twist.
+        error, error_variance : ndarray, (6,)
+            ``z - h(x+)`` of the measured twist, and the diagonal of ``H P+ H^T``.
         tau : float
             Seconds of the step.
         """
@@ -107,7 +131,13 @@ class MotionNoise:
         variance = ((gain * change) ** 2 + Q - gain**2 * (before - after)) / tau
         self._learned += 1
         memory = self._rate.frames(_MEMORY)
+        unexplained = error**2 + error_variance
         self._unexplained += (unexplained - self._unexplained) / min(self._learned, memory)
         share = 1.0 / min(self._learned + _PRIOR_STEPS, memory)
         learned = self.walk_variance + share * (variance - self.walk_variance)
         self.walk_variance = np.maximum(learned, _SMALLEST_WALK**2)
+        self._errors.append(np.abs(error))
+        while len(self._errors) > memory:
+            self._errors.popleft()
+        if self._learned % _RENEWAL == 0:
+            self._typical = np.square(MEDIAN_TO_STD * np.median(np.array(self._errors), axis=0))

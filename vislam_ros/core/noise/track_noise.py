@@ -36,6 +36,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.compiled import compiled
+from vislam_ros.core.linalg.linear_update import diagonal_blocks
+from vislam_ros.core.linalg.small_inverse import small_inverse
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.twist_noise import MEDIAN_TO_STD
 
@@ -51,7 +54,8 @@ _ENOUGH_ROWS = 20
 # times the prior standard deviation.
 _LARGEST_CHANGE = 0.3
 _LIMIT = math.log(1e4)
-# The prior of a track's own scale counts as this many numbers observed.
+# The prior of a track's own scale counts as this many numbers observed; so does the track's of an
+# observation's.
 _PRIOR_NUMBERS = 6.0
 # A disparity's error stays where it changes by less than this share of itself; see above for the
 # shares of errors that do.
@@ -66,6 +70,9 @@ _SHARE_OF_OFFSETS = 0.35
 _WIDER_GATE = 1.5
 # The offset grows with the disparity, by this share of it.
 _RELATIVE_OFFSET = 0.02
+
+# How often an observation's scale and the estimate are found from each other at most.
+_ROUNDS = 6
 
 # Which of (u_left, u_right, v) a known landmark's observation adds.
 _ALL = np.array([0, 1, 2])
@@ -133,6 +140,36 @@ class TrackNoise:
     def variances(self, indices: NDArray[np.int64]) -> Array:
         """Variances (n, 3) of the image points of known landmarks, square pixels."""
         return self.level * self._scale(indices)[:, None] * self._variances
+
+    def with_tails(
+        self, indices: NDArray[np.int64], variances: Array, inverse: Array, weighted: Array
+    ) -> Array:
+        """Variances (n, 3) of observations, larger where one is far off for its track.
+
+        Each is judged by its innovation given all the others, as the gate does.
+
+        Parameters
+        ----------
+        indices : ndarray of int64, (n,)
+            Indices of the landmarks seen, all different.
+        variances : ndarray, (n, 3)
+            With which S was worked out, square pixels.
+        inverse : ndarray, (n r, n r)
+            ``S^-1``, 1 / square pixels, r numbers for each landmark: those of ``components``.
+        weighted : ndarray, (n r,)
+            ``S^-1 r``, 1 / pixels.
+        """
+        if not self._learns:
+            return variances
+        used = self.components
+        own = self._scale(indices)
+        scales = _scales_with_tails(
+            diagonal_blocks(inverse, len(used)),
+            weighted.reshape(-1, len(used)),
+            self.level * self._variances[used],
+            own,
+        )
+        return self.level * scales[:, None] * self._variances
 
     def expected(self, variances: Array, y: Array) -> Array:
         """Variances (n, 3) that innovations at image points (n, 3) add to those of the state."""
@@ -215,3 +252,32 @@ class TrackNoise:
             staying = int(np.count_nonzero(np.abs(error - last) < _STAYS * np.abs(last)))
             self._errors = min(self._errors + count, _ERRORS_REMEMBERED)
             self._staying += (staying - count * self._staying) / self._errors
+
+
+@compiled("float64[::1](float64[:, :, ::1], float64[:, ::1], float64[::1], float64[::1])")
+def _scales_with_tails(D: Array, w: Array, R_0: Array, own: Array) -> Array:
+    """Scales (n,) of observations, of which none is smaller than its track's own (n,).
+
+    The covariance ``A + s R_0`` of an innovation given the others is the inverse of its block of
+    ``S^-1``, (n, r, r), and ``w_i`` its part of ``S^-1 r``, both worked out with the own scales.
+    """
+    n, r = w.shape
+    scales = own.copy()
+    for i in range(n):
+        C, _ = small_inverse(D[i])
+        residual = C @ w[i]
+        for _ in range(_ROUNDS):
+            s = scales[i]
+            S = C.copy()
+            for k in range(r):
+                S[k, k] += (s - own[i]) * R_0[k]
+            inverse, _ = small_inverse(S)
+            weighted = inverse @ residual
+            expected = r * s
+            for k in range(r):
+                expected += s * s * R_0[k] * (weighted[k] * weighted[k] - inverse[k, k])
+            found = (_PRIOR_NUMBERS * own[i] + expected) / (_PRIOR_NUMBERS + r)
+            scales[i] = max(own[i], found)
+            if scales[i] == s:
+                break
+    return scales

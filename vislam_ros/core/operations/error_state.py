@@ -43,8 +43,8 @@ class Recorder(Protocol):
     def record(self, operation: Operation[Any]) -> None:
         """Take an operation that has been applied."""
 
-    def end_step(self, covariance: Array) -> None:
-        """Take the covariance (D, D) at the end of a step."""
+    def end_step(self, covariance: Array, last: Operation[Any] | None) -> None:
+        """Take the covariance (D, D) at the end of a step, and with what the way back begins."""
 
 
 class ErrorState:
@@ -88,11 +88,18 @@ class ErrorState:
             self._tape.record(operation)
         return result
 
-    def end_step(self, T_world_body: Array) -> None:
-        """End a step at a pose (4, 4), which the backward pass is to smooth."""
+    def end_step(self, T_world_body: Array, last: Operation[Any] | None = None) -> None:
+        """End a step at a pose (4, 4), which the backward pass is to smooth.
+
+        Parameters
+        ----------
+        T_world_body : ndarray, (4, 4)
+        last : Operation, optional
+            Said of all the drive if this step is its last; it is not applied here.
+        """
         self.apply(PoseMark(T_world_body))
         if self._tape is not None:
-            self._tape.end_step(self.covariance)
+            self._tape.end_step(self.covariance, last)
 
     @property
     def covariance(self) -> Array:
@@ -115,6 +122,11 @@ class ErrorState:
         Y = self._downdate
         self._downdate = None
         return self._P, np.empty((0, len(self._P))) if Y is None else Y
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether there is a tape."""
+        return self._tape is not None
 
     @property
     def active(self) -> int:

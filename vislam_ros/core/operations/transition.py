@@ -124,7 +124,7 @@ def _moved_with_vehicle(
         for k in range(k_Y):
             for j in range(len(P)):
                 rows[i, j] -= Y[k, i] * Y[k, j]
-    # Few columns of C are not zero: the biases show in nothing but the twist's measurement.
+    # Few columns of C are not zero: the bias shows in nothing but the twist's measurement.
     used = [c for c in range(s - 6) if np.any(C[:, :, c])]
     r = len(used)
     left, right = np.empty((2 * r + k_Y, m)), np.empty((2 * r + k_Y, m))

@@ -87,9 +87,10 @@ def smooth(tape: Tape) -> Smoothed:
     adjoint: Adjoint | None = None
     for checkpoint in reversed(tape.checkpoints):
         state = ErrorState(checkpoint.covariance, tape.vehicle_size, scratch=FreshMemory())
-        steps = [
-            _ADJOINTS[type(operation)](operation, state) for operation in checkpoint.operations
-        ]
+        operations = checkpoint.operations
+        if adjoint is None and tape.last is not None:
+            operations = [*operations, tape.last]
+        steps = [_ADJOINTS[type(operation)](operation, state) for operation in operations]
         if adjoint is None:
             adjoint = Adjoint.zero(len(state.covariance))
         for step in reversed(steps):

@@ -46,11 +46,14 @@ class Tape:
     checkpoints : list of Checkpoint
     vehicle_size : int
         Size s of the error state's vehicle state.
+    last : Operation or None
+        What the way back begins with, after all that was recorded.
     """
 
     def __init__(self) -> None:
         self.checkpoints: list[Checkpoint] = []
         self.vehicle_size = 0
+        self.last: Operation[Any] | None = None
         self._steps = 0
 
     def begin(self, vehicle_size: int, covariance: Array) -> None:
@@ -62,8 +65,9 @@ class Tape:
         """Record an operation."""
         self.checkpoints[-1].operations.append(operation.recorded())
 
-    def end_step(self, covariance: Array) -> None:
-        """Take the covariance (D, D) at the end of a step."""
+    def end_step(self, covariance: Array, last: Operation[Any] | None = None) -> None:
+        """Take the covariance (D, D) at the end of a step, and with what the way back begins."""
+        self.last = last
         self._steps += 1
         if self._steps % _STEPS_BETWEEN_CHECKPOINTS == 0:
             self.checkpoints.append(Checkpoint(covariance.copy()))

@@ -11,7 +11,8 @@ from vislam_ros.core import motion
 from vislam_ros.core.filters import robocentric, robocentric_model
 from vislam_ros.core.geometry import warp
 from vislam_ros.core.noise import motion_noise, track_noise
-from vislam_ros.core.noise.disparity_prior import DisparityPrior
+from vislam_ros.core.noise.frame_rate import FrameRate
+from vislam_ros.core.noise.track_noise import TrackNoise
 
 
 def named(key: str) -> Constant:
@@ -71,13 +72,17 @@ def test_modules_that_have_imported_a_compiled_function_use_the_other_value() ->
 
 
 def test_two_values_of_one_constant_do_not_mix() -> None:
-    prior = DisparityPrior()
-    prior.add(7.0 * np.exp(0.75 * np.random.default_rng(71).standard_normal(500)))
-    measured, variance = np.full(1, 3.0), np.full(1, 2.0)
-    as_is = prior.posterior(measured, variance)[1]
-    found = []
-    for share in (0.95, 0.99, 0.95):
-        with varied(named("core.noise.disparity_prior._LEAST_VARIANCE"), share):
-            found.append(prior.posterior(measured, variance)[1].item())
-    assert found == pytest.approx([1.9, 1.98, 1.9])
-    assert_array_equal(prior.posterior(measured, variance)[1], as_is)
+    noise = TrackNoise(np.ones(3), 0.0, FrameRate(), learns=True)
+    noise.add(1)
+    first, far = np.array([0]), np.array([8.0, 0.0, 0.0])
+
+    def variance() -> float:
+        return noise.with_tails(first, np.ones((1, 3)), np.eye(3), far)[0, 0].item()
+
+    as_is, found = variance(), []
+    for numbers in (3.0, 5.0, 3.0):
+        with varied(named("core.noise.track_noise._PRIOR_NUMBERS"), numbers):
+            found.append(variance())
+    # The prior's numbers of one, and 8 squared, by all numbers there are.
+    assert found == pytest.approx([67 / 6, 69 / 8, 67 / 6])
+    assert variance() == as_is == pytest.approx(70 / 9)
