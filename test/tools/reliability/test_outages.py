@@ -47,7 +47,10 @@ def test_across_an_outage_the_estimate_is_no_worse_than_what_is_left(drive: Driv
     rows = list(measure_outages(drive, reference, *settings, tasks))
     assert {row.outage for row in rows} == set(tasks)
     assert all(row.holds for row in rows), [row.as_dict() for row in rows if not row.holds]
-    assert max(row.nees_ratio for row in rows) < 3.0
+    # The undisturbed drive has a NEES/6 of 0.7 only, so one hole may have several times as much.
+    ratios = [row.nees_ratio for row in rows]
+    assert np.mean(ratios) < 1.5
+    assert max(ratios) < 4.0
 
 
 def test_what_dead_reckoning_across_a_hole_costs_the_whole_drive_stands_beside_it(
