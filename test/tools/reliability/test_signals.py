@@ -31,7 +31,11 @@ def test_each_signal_goes_to_each_process_at_moments_of_the_drive() -> None:
 
 def test_no_pose_that_was_published_is_lost(bag: Path, tmp_path: Path) -> None:
     trial = Trial(signal.SIGTERM, "recorder_node", 10.0, 0.3)
-    outcome = measure(bag, STEPS, tmp_path / "run", trial)
+    # Under load DDS has been seen not to find the witness in the whole of a run: it tells nothing.
+    for _ in range(3):
+        outcome = measure(bag, STEPS, tmp_path / "run", trial)
+        if outcome.heard:
+            break
     assert 0.3 * STEPS <= outcome.heard < STEPS
     assert (outcome.lost, outcome.left, outcome.fault) == (0, 0, "")
     assert outcome.is_named
