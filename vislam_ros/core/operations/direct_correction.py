@@ -80,15 +80,14 @@ class DirectCorrection(Operation[DirectlyCorrected]):
         innovation_covariance(state.covariance, seen, self.noise.ravel(), S)
         return inverse_of_positive(S)
 
-    def inliers_in(self, state: ErrorState) -> Inliers:
-        """Take all of it for inliers, and work out ``S^-1`` and ``S^-1 r``."""
-        inverse = self.inverse_in(state)
-        return Inliers(np.arange(len(self.slots)), inverse, inverse @ self.residual.ravel())
-
     def forward(self, state: ErrorState) -> DirectlyCorrected:
         """``P_LL <- R - R S^-1 R`` and what follows from it for the others."""
         r, variances = self.residual.ravel(), self.noise.ravel()
-        _, inverse, weighted = self.inliers or self.inliers_in(state)
+        if self.inliers is None:
+            inverse = self.inverse_in(state)
+            weighted = inverse @ r
+        else:
+            inverse, weighted = self.inliers.inverse, self.inliers.weighted
         P, (seen, rest) = state.covariance, self.seen_and_rest(state)
         cross = correct_directly(P, seen, rest, variances, inverse)
         delta = np.empty(len(P))
