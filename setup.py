@@ -42,6 +42,7 @@ setup(
         "mcap>=1.5",
         "numba>=0.59",
         "numpy>=1.24",
+        "opencv-python-headless>=4.6",
         "rich>=13.3",
         "rosbags>=0.11.9",
         "scipy>=1.10",

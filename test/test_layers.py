@@ -1,6 +1,8 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Imports only point down, from cli to nodes to data to core; core knows neither ROS nor files.
+"""Imports only point down, from cli to nodes to data to frontend to core.
+
+Neither core nor frontend knows ROS or files.
 
 A room is a folder; a module that lies in a layer beside its rooms (``core/slam.py``) is a room of
 its own. The rooms of the whole house, and those of ``tools``, can be put in an order.
@@ -18,7 +20,7 @@ import pytest
 from places import REPOSITORY
 
 PACKAGE = REPOSITORY / "vislam_ros"
-LAYERS = ("core", "data", "nodes", "cli")
+LAYERS = ("core", "frontend", "data", "nodes", "cli")
 ROS = {
     "builtin_interfaces",
     "diagnostic_msgs",

@@ -33,6 +33,7 @@ FULL_ROS_ONLY = {"tf2_msgs"}
 # rosdep keys that are not "python3-" and the name on the package index.
 ROSDEP_KEYS = {
     "mcap": "python3-mcap-pip",
+    "opencv-python-headless": "python3-opencv",
     "pyyaml": "python3-yaml",
     "rosbags": "python3-rosbags-pip",
 }
@@ -40,7 +41,7 @@ ROSDEP_KEYS = {
 PIP_ONLY = {"evo"}
 # Extras whose packages are imported only where they are asked for; rosdep need not know them.
 OPTIONAL_EXTRAS = ("dask", "fuzz", "peers")
-IMPORT_NAMES = {"pyyaml": "yaml"}
+IMPORT_NAMES = {"opencv-python-headless": "cv2", "pyyaml": "yaml"}
 # The package itself, and a module that type checkers alone know.
 NEEDS_NO_DECLARATION = {"vislam_ros", "_typeshed"}
 
