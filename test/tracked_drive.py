@@ -68,11 +68,12 @@ def increments(drive: Drive, settings: SlamSettings) -> list[Increment]:
     reckoning = DeadReckoning(PredictionSettings(time_jump=settings.time_jump))
     path = PredictedPath(settings)
     for stamp, twist in zip(drive.twist_stamps.tolist(), drive.twists, strict=True):
-        for pose in reckoning.add_twist(stamp, twist):
-            path.add(pose.stamp, se3.pose_matrix(pose.position, pose.quaternion))
+        for pose in reckoning.add_motion(stamp, twist):
+            T = se3.pose_matrix(pose.position, pose.quaternion)
+            path.add(pose.stamp, T, velocity_known=pose.velocity_known)
     standing = Increment(np.eye(4), 0.0, np.zeros((6, 6)))
     stamps = drive.feature_stamps.tolist()
-    return [standing, *(path.increment(a, b) for a, b in itertools.pairwise(stamps))]
+    return [standing, *(path.increment(a, b, 0.1) for a, b in itertools.pairwise(stamps))]
 
 
 def run(

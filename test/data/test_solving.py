@@ -10,9 +10,10 @@ import pytest
 from vislam_ros.core.filters.joint import JointSettings
 from vislam_ros.core.step import KINDS
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.evaluation.evaluate import evaluate
 from vislam_ros.data.simulation.simulate import simulate
 from vislam_ros.data.solving import Solution, solve
-from vislam_ros.errors import SettingsError
+from vislam_ros.errors import SettingsError, VislamError
 
 DRIVE = simulate(steps=40, landmarks=200).drive
 
@@ -109,3 +110,29 @@ def test_a_crowd_is_followed_as_far_as_there_is_room_and_the_rest_is_counted() -
     assert solution.summary["complete"]
     everything = solve(drive, max_active=20_000, estimator="mapping")
     assert everything.steps["left_out"].sum() == 0
+
+
+def test_a_gyroscope_alone_is_nearly_as_good_as_twists() -> None:
+    drive = simulate(steps=150, landmarks=700, seed=4, velocity_noise_std=0.02).drive
+    assert drive.ground_truth is not None
+    errors = {
+        source: evaluate(solve(drive, motion_source=source).trajectory, drive.ground_truth)
+        for source in ("twist", "gyro")
+    }
+    assert errors["gyro"].ate.rmse < 1.5 * errors["twist"].ate.rmse + 0.05
+
+
+def test_the_velocity_of_a_gyroscope_s_start_is_found_at_once_and_not_believed_before() -> None:
+    drive = simulate(steps=20, landmarks=300, seed=4).drive
+    gyro = solve(drive, motion_source="gyro").steps
+    assert gyro["velocity_std_x"][0] > 40.0
+    speed = solve(drive).steps["velocity_x"][-1]
+    for k in (2, 3):
+        off = abs(gyro["velocity_x"][k] - speed)
+        assert off < 0.2 * speed
+        assert gyro["velocity_std_x"][k] < 0.1 * speed
+
+
+def test_twists_are_not_to_be_had_from_a_gyroscope() -> None:
+    with pytest.raises(VislamError, match=r"no velocities.*take gyro"):
+        solve(DRIVE.moved_by("gyro"), motion_source="twist")

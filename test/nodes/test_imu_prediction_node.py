@@ -169,3 +169,46 @@ def test_tf_says_the_same_as_the_odometry(node, drive, monkeypatch):
     assert transform.child_frame_id == "base_link"
     assert transform.transform.translation.x == odometry.pose.pose.position.x
     assert transform.transform.rotation == odometry.pose.pose.orientation
+
+
+def test_the_gyroscope_alone_gives_the_core_s_poses_and_says_that_it_knows_no_velocity(
+    make_node, capture
+):
+    node = make_node(ImuPredictionNode, motion_source="gyro")
+    published, core = capture(node), DeadReckoning(PredictionSettings())
+    expected = []
+    for k in range(40):
+        stamp, omega = k * 5_000_000, np.array([0.1, -0.2, 0.01 * k])
+        node.on_imu(imu_message(stamp, omega))
+        expected += core.add_angular_velocity(stamp, omega)
+    assert len(published[TOPIC]) == len(expected) > 30
+    for prediction, odometry in zip(expected, published[TOPIC], strict=True):
+        stamp, _, quaternion, velocity_known = decoding.prediction(odometry, DEFAULT_FRAMES)
+        assert stamp == prediction.stamp
+        assert quaternion.tobytes() == prediction.quaternion.tobytes()
+        assert not velocity_known
+        assert odometry.twist.covariance[0] == 2500.0
+
+
+def test_a_gyroscope_without_twists_is_found_and_loses_no_sample(make_node, capture):
+    found, told = (make_node(ImuPredictionNode, motion_source=s) for s in ("auto", "gyro"))
+    published = [capture(node)[TOPIC] for node in (found, told)]
+    for k in range(300):
+        message = imu_message(k * 5_000_000, (0.0, 0.1, 0.3))
+        found.on_imu(message)
+        told.on_imu(message)
+        if k == 199:
+            assert not published[0]
+    assert published[0] == published[1]
+    assert len(published[0]) > 250
+
+
+def test_where_there_are_twists_the_gyroscope_is_not_taken_as_well(make_node, capture, drive):
+    node = make_node(ImuPredictionNode)
+    published, core = capture(node), DeadReckoning(PredictionSettings())
+    expected = []
+    for stamp, message in zip(drive.stamps, drive.twists, strict=False):
+        node.on_imu(imu_message(stamp, (0.0, 0.0, 1.0)))
+        node.on_twist(message)
+        expected += core.add_twist(*decoding.twist(message, DEFAULT_FRAMES))
+    assert [o.twist.twist.linear.x for o in published[TOPIC]] == [p.twist[0] for p in expected]

@@ -154,9 +154,10 @@ class DenseRobocentricFilter:
 
     def measure_twist(self, measured: Array) -> None:
         self.motion_noise.add(measured)
-        H = self.twist_rows()
-        R = np.diag(self.motion_noise.twist_variance)
-        self.update(H, R, measured - H @ self.estimate)
+        known = np.isfinite(measured)
+        H = self.twist_rows()[known]
+        R = np.diag(self.motion_noise.twist_variance[known])
+        self.update(H, R, measured[known] - H @ self.estimate)
 
     def twist_rows(self) -> Array:
         H = np.zeros((6, len(self.P)))

@@ -103,12 +103,16 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
         "seed": arguments.seed,
         "map_file": arguments.map and str(arguments.map.resolve()),
     }
+    overrides_of = {
+        "slam_node": overrides,
+        "imu_prediction_node": {"motion_source": arguments.motion_source},
+    }
     given: dict[str, dict[str, Any]] = {}
     checked: dict[Any, Any] = {}
     for node in SETTINGS_OF_NODES:
         own = node_parameters(content, node)
-        if node == "slam_node":
-            own.update({name: value for name, value in overrides.items() if value is not None})
+        flags = overrides_of.get(node, {})
+        own.update({name: value for name, value in flags.items() if value is not None})
         try:
             known = _known(node, {**everyones, **own})
             given[node] = {**_among(everyones, known | _of_every_node(everyones)), **own}
@@ -145,6 +149,7 @@ def _reading_rules(where: str, checked: dict[Any, Any]) -> ReadingRules:
         twist_time_jump=checked[PredictionSettings].time_jump,
         features_time_jump=checked[SlamSettings].time_jump,
         imu_turns=prediction.angular_velocity_source == "imu",
+        motion_source=checked[PredictionSettings].motion_source,
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import MotionSettings
@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 
 FIRST_TWIST_STD = np.array([50.0, 50.0, 50.0, 2.0, 2.0, 2.0])
 """Before the first motion nothing is known of the twist but that it is a vehicle's."""
+
+UNKNOWN_VELOCITY_VARIANCE = float(FIRST_TWIST_STD[0] ** 2)
+"""Of a velocity that nothing measures [m^2/s^2]; one that is told with more is no measurement."""
 
 
 class Part(NamedTuple):
@@ -25,8 +28,8 @@ class Part(NamedTuple):
     duration : float
         Seconds.
     measured : ndarray, (6,), or None
-        The sample of the twist that stands for this part, ``[v; omega]``; None where a sample is
-        missing or still to come.
+        The sample of the twist that stands for this part, ``[v; omega]``, or the mean of many;
+        None where a sample is missing or still to come. A velocity that is not measured is NaN.
     """
 
     duration: float
@@ -58,6 +61,19 @@ class Increment:
     def transition(self) -> Array:
         """Matrix ``F = Ad(T^-1)`` (6, 6) that carries an earlier error over the step."""
         return se3.adjoint(se3.inverse(self.T))
+
+    @property
+    def measures_velocity(self) -> bool:
+        """Whether the translation was measured, and not the rotation alone."""
+        measured = [part.measured for part in self.parts if part.measured is not None]
+        return all(measures_velocity(twist) for twist in measured)
+
+    def moved_at(self, velocity: Array) -> Array:
+        """Pose ``T`` (4, 4), with a velocity (3,) in the body where none was measured."""
+        if self.measures_velocity:
+            return self.T
+        twist = np.concatenate([velocity, se3.log_rotation(self.T[:3, :3]) / self.duration])
+        return se3.exp(self.duration * twist)
 
 
 class Twist(NamedTuple):
@@ -105,6 +121,16 @@ def process_covariance(settings: MotionSettings, duration: float, share: float =
     linear = (settings.velocity_noise_std * duration) ** 2
     angular = (settings.angular_velocity_noise_std * duration) ** 2
     return share * np.diag([linear, linear, linear, angular, angular, angular])
+
+
+def angular_twist(omega: ArrayLike) -> Array:
+    """Twist (6,) of which only the angular velocity (3,) is measured; see :class:`Part`."""
+    return np.concatenate([np.full(3, np.nan), omega])
+
+
+def measures_velocity(twist: Array) -> bool:
+    """Tell whether a measured twist (6,) has a velocity."""
+    return not np.isnan(twist[0])
 
 
 def propagate(covariance: Array, increment: Increment) -> Array:

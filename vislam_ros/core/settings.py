@@ -32,6 +32,9 @@ LARGEST_GATE = 1e12
 #: ROS has no larger ones.
 LARGEST_WHOLE = 2**63 - 1
 
+#: Of the prediction: twists, a gyroscope alone, or what there is.
+MOTION_SOURCES = ("auto", "twist", "gyro")
+
 
 def setting(
     default: Any,
@@ -103,6 +106,13 @@ class MotionSettings:
 @dataclass(frozen=True)
 class PredictionSettings(MotionSettings):
     """Settings of the dead reckoning."""
+
+    motion_source: str = setting(
+        "auto",
+        "What measures the motion: twist takes velocity and angular velocity, gyro the angular "
+        "velocity of every imu/data sample alone, auto the twists where there are some",
+        choices=MOTION_SOURCES,
+    )
 
 
 @dataclass(frozen=True)

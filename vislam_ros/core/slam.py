@@ -132,6 +132,7 @@ class Slam:
         self._verdict: Verdict | None = None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
+        self._velocity: Array = np.zeros(3)
         self._frame_rate = FrameRate()
         self._tracks = Tracks(
             settings.retire_after,
@@ -171,8 +172,7 @@ class Slam:
 
     def _keep_pass(self) -> None:
         if self._estimator is not None:
-            self.previous_map = self.best_landmarks()
-            self.previous_verdict = self.verdict()
+            self.previous_map, self.previous_verdict = self.best_landmarks(), self.verdict()
 
     def set_camera(self, camera: StereoCamera) -> list[SlamStep]:
         """Tell the calibration; features that came before it are waiting.
@@ -188,7 +188,12 @@ class Slam:
         return self._advance()
 
     def add_prediction(
-        self, stamp: int, position: ArrayLike, quaternion: ArrayLike
+        self,
+        stamp: int,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        *,
+        velocity_known: bool = True,
     ) -> list[SlamStep]:
         """Take a predicted pose of the body in the odometry frame.
 
@@ -198,6 +203,8 @@ class Slam:
             Nanoseconds.
         position, quaternion : array_like, (3,), (4,)
             Metres; x, y, z, w.
+        velocity_known : bool, optional
+            Whether the velocity was measured; where not, only the rotation counts.
 
         Returns
         -------
@@ -209,10 +216,11 @@ class Slam:
         except RefusedMessage as error:
             self.refused.add(Stream.PREDICTION, error.refusal, stamp)
             return []
-        T = se3.pose_matrix(position, quaternion)
-        for number, entered, T_odom_body in self._passes.enter(Stream.PREDICTION, stamp, T):
+        message = se3.pose_matrix(position, quaternion), velocity_known
+        entered = self._passes.enter(Stream.PREDICTION, stamp, message)
+        for number, believed, (T_odom_body, known) in entered:
             path = self._paths.setdefault(number, PredictedPath(self._settings))
-            path.add(entered, T_odom_body)
+            path.add(believed, T_odom_body, velocity_known=known)
         return self._advance()
 
     def add_features(self, stamp: int, ids: ArrayLike, pixels: ArrayLike) -> list[SlamStep]:
@@ -317,7 +325,7 @@ class Slam:
         if self._last_stamp is None:
             increment = Increment(np.eye(4), 0.0, np.zeros((6, 6)))
         else:
-            increment = path.increment(self._last_stamp, frame.stamp)
+            increment = path.increment(self._last_stamp, frame.stamp, self._frame_rate.usual)
         first = self._estimator is None
         if self._estimator is None or self._verdict is None:
             assert self._camera is not None
@@ -344,6 +352,7 @@ class Slam:
         pose = outcome.pose or Pose(self._estimator.T_world_body, self._estimator.pose_covariance)
         T = pose.T_world_body
         twist = outcome.twist or mean_twist(increment)
+        self._velocity = twist.mean[:3]
         return SlamStep(
             stamp=frame.stamp,
             frozen=tracked.frozen,
@@ -385,9 +394,7 @@ class Slam:
     def _motion_expected(self, increment: Increment) -> bool:
         """Tell whether the predicted motion moves the last frame's pixels noticeably."""
         pixels, camera = self._tracks.last_pixels().astype(float), self._camera_in_use
-        if not len(pixels) or camera is None:
+        if camera is None or not len(pixels):
             return False
-        y = pixels[:, [0, 2, 1]]
-        T_new_old = camera.T_camera_body @ se3.inverse(increment.T) @ camera.T_body_camera
-        flow = np.linalg.norm(camera.warp(y, T_new_old) - y, axis=1)
-        return float(np.median(flow)) > self._settings.frozen_motion
+        flow = camera.median_flow(pixels[:, [0, 2, 1]], increment.moved_at(self._velocity))
+        return flow > self._settings.frozen_motion

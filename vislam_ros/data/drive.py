@@ -3,7 +3,7 @@
 """A drive in memory: all that the graph hears, from whatever file it came."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +37,8 @@ class Drive:
         Nanoseconds, strictly increasing.
     twists : ndarray, (N, 6)
         ``[v; omega]`` in the body frame, metres and radians a second. The twist with stamp
-        ``t[k+1]`` is the one that holds over the step from ``t[k]`` to ``t[k+1]``.
+        ``t[k+1]`` is the one that holds over the step from ``t[k]`` to ``t[k+1]``. All velocities
+        are NaN where a gyroscope alone measures the motion.
     feature_stamps : ndarray of int64, (T,)
         Nanoseconds, strictly increasing.
     offsets : ndarray of int64, (T + 1,)
@@ -93,6 +94,7 @@ class Drive:
         twists : array_like, (T, 6), or (N, 6) with ``twist_stamps``
             ``[v; omega]`` of the body, metres and radians a second. The twist of a stamp holds
             over the time that ends there: row ``k`` for the step from frame ``k - 1`` to ``k``.
+            Velocities that are NaN, all of them, are not measured: a gyroscope is enough.
         camera : StereoCamera
         twist_stamps : array_like, (N,), optional
             As ``stamps``, where twists have stamps of their own.
@@ -114,10 +116,11 @@ class Drive:
                 f"twists: have shape {motion.shape}, not ({len(motion_stamps)}, 6), one for each "
                 "of their stamps"
             )
-        if not np.all(np.isfinite(motion)):
-            k = int(np.argmin(np.isfinite(motion).all(axis=1)))
+        measured = motion[:, 3:] if np.isnan(motion[:, :3]).all() else motion
+        if not np.all(np.isfinite(measured)):
+            k = int(np.argmin(np.isfinite(measured).all(axis=1)))
             raise VislamError(f"twists[{k}]: {motion[k].tolist()} is not finite")
-        VELOCITY.require(motion[:, :3], "twists")
+        VELOCITY.require(np.nan_to_num(motion[:, :3]), "twists")
         TURN_RATE.require(motion[:, 3:], "twists")
         for what, frames in (("ids", ids), ("pixels", pixels)):
             if len(frames) != len(feature_stamps):
@@ -136,6 +139,29 @@ class Drive:
             pixels=all_pixels,
             ground_truth=ground_truth,
         )
+
+    @property
+    def measures_velocity(self) -> bool:
+        """Whether the twists have velocities, and are not those of a gyroscope alone."""
+        return bool(len(self.twists)) and not np.isnan(self.twists[:, :3]).any()
+
+    def moved_by(self, motion_source: str) -> "Drive":
+        """Drive with the motion that a source of :data:`MOTION_SOURCES` measures.
+
+        Raises
+        ------
+        VislamError
+            Where that is the twists and they have no velocity.
+        """
+        if motion_source == "twist" and not self.measures_velocity:
+            raise VislamError(
+                f"{self.name}: has no velocities, which motion_source: twist wants: take gyro"
+            )
+        if motion_source != "gyro" and (self.measures_velocity or not len(self.twists)):
+            return self
+        twists = self.twists.copy()
+        twists[:, :3] = np.nan
+        return replace(self, twists=twists)
 
     @property
     def steps(self) -> int:

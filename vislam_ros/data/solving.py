@@ -97,10 +97,11 @@ def feed(
         if k >= 0:
             yield None, slam.add_features(int(drive.feature_stamps[k]), *drive.frame(k))
             continue
-        twist = int(drive.twist_stamps[place]), drive.twists[place]
-        for prediction in reckoning.add_twist(*twist):
+        motion = int(drive.twist_stamps[place]), drive.twists[place]
+        for prediction in reckoning.add_motion(*motion):
             pose = prediction.stamp, prediction.position, prediction.quaternion
-            yield prediction, slam.add_prediction(*pose)
+            known = prediction.velocity_known
+            yield prediction, slam.add_prediction(*pose, velocity_known=known)
 
 
 def solve(
@@ -109,6 +110,7 @@ def solve(
     prediction_settings: PredictionSettings | None = None,
     *,
     given_map: LandmarkMap | None = None,
+    motion_source: str | None = None,
     smooth: bool = False,
     on_prediction: Callable[[Prediction], None] | None = None,
     on_step: Callable[[SlamStep], None] | None = None,
@@ -126,6 +128,8 @@ def solve(
     slam_settings, prediction_settings : SlamSettings, PredictionSettings, optional
     given_map : LandmarkMap, optional
         The map of an estimator that needs one, such as ``localization``.
+    motion_source : {"auto", "twist", "gyro"}, optional
+        What measures the motion, in place of what ``prediction_settings`` say.
     smooth : bool, optional
         Whether to go back over the drive at its end, for smoothed poses and the exact map.
     on_prediction, on_step : callable, optional
@@ -138,13 +142,17 @@ def solve(
     SettingsError
         Where there is no such setting or estimator, the estimator needs a map and none is given,
         or it cannot be smoothed and should be.
+    VislamError
+        Where the drive does not have the motion that is asked for.
     """
     settings = completed(slam_settings or SlamSettings())
     if values:
         if note := unused_note({"estimator": settings.estimator, **values}):
             warnings.warn(note, stacklevel=2)
         settings = replaced(settings, **values)
-    reckoning = DeadReckoning(prediction_settings or PredictionSettings())
+    prediction_settings = prediction_settings or PredictionSettings()
+    drive = drive.moved_by(motion_source or prediction_settings.motion_source)
+    reckoning = DeadReckoning(prediction_settings)
     slam = Slam(settings, given_map, record=smooth)
     summary = RunSummary(drive=drive.name, estimator=settings.estimator)
     predictions: list[Prediction] = []

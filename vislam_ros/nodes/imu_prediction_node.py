@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Dead reckoning as a node: ``imu/twist`` in, ``prediction/odometry`` out."""
+"""Dead reckoning as a node: ``imu/twist`` or ``imu/data`` in, ``prediction/odometry`` out."""
 
 import sys
 from typing import Any
@@ -18,6 +18,7 @@ from vislam_ros.core.tracking.stamp_pairs import StampPairs
 from vislam_ros.core.tracking.time_order import Passes
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import IMU, PREDICTION, TWIST, Frames
+from vislam_ros.data.trajectory import NANOSECONDS
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor, stamp_age, values_if_over
 from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
@@ -28,6 +29,9 @@ from vislam_ros.nodes.tf import TransformSender
 Array = NDArray[np.float64]
 
 _PAIRED = (Stream.TWIST, Stream.IMU)
+# So much of a gyroscope's data without a twist, or anybody who publishes twists, and there are
+# none [ns].
+_PATIENCE = NANOSECONDS
 
 
 class ImuPredictionNode(Node):
@@ -44,32 +48,65 @@ class ImuPredictionNode(Node):
         self._pairs = StampPairs(self._refuse_unpaired)
         self._latest: Prediction | None = None
         self._published = 0
+        self._source = prediction_settings.motion_source
+        self._held: list[tuple[int, Array]] = []  # of the gyroscope, until the source is chosen
         self.monitor = Monitor(self, self._describe)
         self._tf = TransformSender(self, self.monitor) if self._settings.publish_tf else None
         self._odometry = self.monitor.advertise(PREDICTION)
-        self.monitor.subscribe(TWIST, self.on_twist)
-        if self._settings.angular_velocity_source == "imu":
+        if self._source != "gyro":
+            self.monitor.subscribe(TWIST, self.on_twist)
+        if self._source != "twist" or self._turns_are_imus:
             self.monitor.subscribe(IMU, self.on_imu)
         warn_of_undeclared_overrides(self)
 
     def on_twist(self, message: TwistWithCovarianceStamped) -> None:
         """Predict, at once or when the angular velocity of this stamp is here."""
         stamp, twist = decoding.twist(message, self._frames)
-        if self._settings.angular_velocity_source == "imu":
+        if self._source == "auto":
+            self._choose("twist")
+        if self._source == "gyro":
+            return
+        if self._turns_are_imus:
             self._pair(Stream.TWIST, stamp, twist)
         else:
-            self._predict(stamp, twist)
+            self._predict(self.core.add_twist(stamp, twist))
 
     def on_imu(self, message: Imu) -> None:
-        """Predict if the twist of this stamp is here."""
+        """Predict by the gyroscope, or if the twist of this stamp is here."""
         stamp, omega = decoding.angular_velocity(message, self._frames)
-        self._pair(Stream.IMU, stamp, omega)
+        if self._source == "gyro":
+            self._predict(self.core.add_angular_velocity(stamp, omega))
+        elif self._source == "auto":
+            self._hold(stamp, omega)
+        if self._source != "gyro" and self._turns_are_imus:
+            self._pair(Stream.IMU, stamp, omega)
+
+    def _hold(self, stamp: int, omega: Array) -> None:
+        """Keep a sample of the gyroscope until it is clear that there are no twists."""
+        self._held.append((stamp, omega))
+        if abs(stamp - self._held[0][0]) >= _PATIENCE:
+            self._choose("twist" if self.count_publishers(TWIST.name) else "gyro")
+
+    def _choose(self, source: str) -> None:
+        """Settle where the motion comes from."""
+        self._source = source
+        held, self._held = self._held, []
+        if source == "gyro":
+            self.get_logger().info(f"no {TWIST.name}: the gyroscope alone measures the motion")
+            for sample in held:
+                self._predict(self.core.add_angular_velocity(*sample))
+
+    @property
+    def _turns_are_imus(self) -> bool:
+        """Whether twists take the angular velocity of the IMU's message of their stamp."""
+        return self._settings.angular_velocity_source == "imu"
 
     def _pair(self, stream: Stream, stamp: int, values: Array) -> None:
         for _, believed, its_values in self._passes.enter(stream, stamp, values):
             if pair := self._pairs.add(_PAIRED.index(stream), believed, its_values):
                 twist, omega = pair
-                self._predict(believed, np.concatenate([twist[:3], omega]))
+                whole = np.concatenate([twist[:3], omega])
+                self._predict(self.core.add_twist(believed, whole))
 
     def _refuse_unpaired(self, stream: int, stamp: int) -> None:
         self._refuse(_PAIRED[stream], Refusal.UNPAIRED, stamp)
@@ -77,8 +114,7 @@ class ImuPredictionNode(Node):
     def _refuse(self, stream: Stream, refusal: Refusal, stamp: int) -> None:
         self.monitor.refuse(refusal, stream=stream, stamp=stamp)
 
-    def _predict(self, stamp: int, twist: Array) -> None:
-        predictions = self.core.add_twist(stamp, twist)
+    def _predict(self, predictions: list[Prediction]) -> None:
         self.monitor.absorb("core", self.core.refused)
         for prediction in predictions:
             self._publish(prediction)
@@ -105,7 +141,9 @@ class ImuPredictionNode(Node):
         over = self._passes.refused_if_over()
         over.merge(self.core.refused_if_over)
         if latest is None:
-            return f"waiting for {TWIST.name}", values_if_over(over)
+            topics = [IMU.name] if self._source == "gyro" else [TWIST.name]
+            topics += [IMU.name] if self._source == "auto" else []
+            return f"waiting for {' or '.join(topics)}", values_if_over(over)
         position_std = float(np.sqrt(np.trace(latest.covariance[:3, :3])))
         return "running", {
             **values_if_over(over),

@@ -100,7 +100,8 @@ class SlamNode(Node):
 
     def on_prediction(self, message: Odometry) -> None:
         """Take a predicted pose."""
-        self._publish(self.core.add_prediction(*decoding.prediction(message, self._frames)))
+        stamp, position, quaternion, known = decoding.prediction(message, self._frames)
+        self._publish(self.core.add_prediction(stamp, position, quaternion, velocity_known=known))
 
     def on_features(self, message: PointCloud2) -> None:
         """Take the features of one stamp."""

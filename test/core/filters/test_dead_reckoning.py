@@ -125,3 +125,27 @@ def test_what_nothing_confirms_is_told_before_it_is_over():
     assert not reckoning.refused.counts
     assert reckoning.refused_if_over.counts == {"twist_bad_stamp": 1}
     assert reckoning.refused_if_over.first_stamps == {"twist_bad_stamp": 50 * SECOND}
+
+
+def test_a_gyroscope_turns_the_pose_in_its_place_and_the_covariance_says_what_is_not_known():
+    reckoning = DeadReckoning(PredictionSettings(angular_velocity_noise_std=0.0))
+    for k in range(201):
+        poses = reckoning.add_angular_velocity(k * SECOND // 200, [0.0, 0.0, np.pi / 2])
+    (pose,) = poses
+    assert not pose.velocity_known
+    assert_allclose(pose.position, 0.0)
+    quarter = se3.rotation_from_quaternion(pose.quaternion)
+    assert_allclose(quarter, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    # A second at up to some 50 m/s: it does not average out over the samples.
+    assert_allclose(np.sqrt(np.diag(pose.covariance)[:3]), 50.0)
+    assert_allclose(np.diag(pose.covariance)[3:], 0.0)
+    assert_allclose(np.sqrt(np.diag(pose.twist_covariance)[:3]), 50.0)
+    assert_allclose(pose.twist, [0, 0, 0, 0, 0, np.pi / 2])
+
+
+@pytest.mark.parametrize("omega", [[0.0, np.nan, 0.0], [0.0, 0.0, 1e4], [0.0, 0.0]])
+def test_a_sample_of_a_gyroscope_that_cannot_be_is_refused(omega):
+    reckoning = DeadReckoning(PredictionSettings())
+    assert reckoning.add_angular_velocity(0, omega) == []
+    assert sum(reckoning.refused.counts.values()) == 1
+    assert next(iter(reckoning.refused.counts)).startswith("imu_")

@@ -28,7 +28,8 @@ Array = NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def drives() -> dict[str, Drive]:
-    return trying_drives(steps=24, landmarks=120, seed=6)
+    made = trying_drives(steps=24, landmarks=120, seed=6)
+    return {**made, "gyroscope": made["white"].moved_by("gyro")}
 
 
 def told_numbers(outcome: Outcome) -> list[Array]:
@@ -51,7 +52,7 @@ def dense_numbers(dense: DenseRobocentricFilter, told: Told) -> list[Array]:
 
 
 def assert_map_is_told(
-    filter_: RobocentricFilter, dense: DenseRobocentricFilter, told: Told
+    filter_: RobocentricFilter, dense: DenseRobocentricFilter, told: Told, tolerance: float
 ) -> None:
     """Landmarks are where both beliefs together have them, now or when they were marginalized."""
     keys, positions, covariances = filter_.landmarks()
@@ -60,13 +61,13 @@ def assert_map_is_told(
     for i in range(0, len(keys), 5):
         key = int(keys[i])
         position, covariance = dense.landmark(key, told) if tracked[i] else dense.mapped[key]
-        assert_allclose(positions[i], position, rtol=1e-9, atol=1e-9)
+        assert_allclose(positions[i], position, rtol=tolerance, atol=tolerance)
         # Covariances of far landmarks are thousands of square metres.
         size = max(1.0, np.abs(covariance).max())
-        assert_allclose(covariances[i], covariance, rtol=0, atol=1e-8 * size)
+        assert_allclose(covariances[i], covariance, rtol=0, atol=10 * tolerance * size)
 
 
-@pytest.mark.parametrize("kind", ["white", "offsets"])
+@pytest.mark.parametrize("kind", ["white", "offsets", "gyroscope"])
 @pytest.mark.parametrize(
     ("pixel_variance", "changes"),
     [
@@ -89,6 +90,9 @@ def test_state_and_covariance_are_the_dense_filters(
     filter_ = RobocentricFilter(settings, drive.camera)
     dense = DenseRobocentricFilter(settings, drive.camera)
     rejected, shares = 0, []
+    # At the first step a landmark's place is known to hundreds of pixels, and then to one:
+    # rounding in P - Y^T Y costs the square of that.
+    tolerance = 1e-5 if kind == "gyroscope" else 1e-9
     for increment, frame, outcome in run(filter_, drive, settings):
         assert dense.step(increment, frame) == outcome.rejected.tolist()
         rejected += len(outcome.rejected)
@@ -115,8 +119,8 @@ def test_state_and_covariance_are_the_dense_filters(
             (outcome.twist.covariance, told.covariance[TWIST, TWIST]),
             *zip(told_numbers(outcome), dense_numbers(dense, told), strict=True),
         ]:
-            np.testing.assert_allclose(ours, plain, rtol=0, atol=1e-9)
-        assert_map_is_told(filter_, dense, told)
+            np.testing.assert_allclose(ours, plain, rtol=0, atol=tolerance)
+        assert_map_is_told(filter_, dense, told, tolerance)
     assert dense.track_noise.has_offsets == (kind == "offsets" and settings.learn_noise)
     weighed = np.array(shares)
     if settings.gyro_bias_std == 0:

@@ -132,3 +132,13 @@ def test_of_a_drive_too_short_to_tell_nothing_is_said(quiet: SimulatedDrive) -> 
 def test_a_noise_that_hides_all_turning_makes_no_scale_of_it() -> None:
     settings = {**SETTINGS, "angular_velocity_noise_std": 0.5, "steps": 120, "landmarks": 600}
     assert reasons(simulate(**settings, seed=8)) == []
+
+
+def test_of_a_gyroscope_alone_the_rotation_is_held_against_the_images(
+    quiet: SimulatedDrive,
+) -> None:
+    drive = quiet.drive.moved_by("gyro")
+    assert reasons(quiet, drive) == []
+    turned = drive.twists * np.array([1, 1, 1, 1, -1, -1])
+    (reason,) = reasons(quiet, dataclasses.replace(drive, twists=turned))
+    assert reason.word is Word.CONTRADICTION

@@ -10,6 +10,7 @@ from faulty_bags import BAD_STAMPS
 from rewriting import JUNK, assert_same, changing, edit, from_half_on_anew, rewritten, unchanged
 from rosbags.rosbag2 import StoragePlugin
 
+from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
 from vislam_ros.data.bags.layout import (
     FEATURES,
@@ -90,8 +91,9 @@ class TestNeededTopic:
         foreign = rewritten(
             bag, unchanged, rename=lambda name: name if name != topic.recorded else None
         )
+        rules = ReadingRules(motion_source="twist")
         with pytest.raises(VislamError, match=f"foreign: has no topic {topic.recorded} "):
-            take(foreign)
+            take(foreign, rules=rules)
 
     def test_of_another_type(self, bag, topic, take):
         foreign = rewritten(
@@ -367,3 +369,23 @@ def test_a_damaged_provenance_is_refused(bag, content):
         VislamError, match=r"provenance\.json: (not a JSON|cannot read|has no name)"
     ):
         read(bag)
+
+
+def test_a_drive_of_a_gyroscope_comes_back_the_very_same_and_has_no_topic_of_twists(
+    small_drive, tmp_path
+):
+    drive = small_drive.moved_by("gyro")
+    write_bag(drive, tmp_path / "bag")
+    assert_same(read(tmp_path / "bag"), drive)
+    with BagMessages(tmp_path / "bag") as bag:
+        assert TWIST.recorded not in [connection.topic for connection in bag.connections]
+
+
+def test_of_a_bag_with_twists_the_gyroscope_alone_can_be_taken(bag, small_drive):
+    assert_same(read(bag, rules=ReadingRules(motion_source="gyro")), small_drive.moved_by("gyro"))
+
+
+def test_a_bag_without_twists_says_so_where_twists_are_wanted(small_drive, tmp_path):
+    write_bag(small_drive.moved_by("gyro"), tmp_path / "bag")
+    with pytest.raises(VislamError, match="has no topic /imu/twist"):
+        read(tmp_path / "bag", rules=ReadingRules(motion_source="twist"))

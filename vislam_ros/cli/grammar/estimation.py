@@ -23,6 +23,7 @@ from vislam_ros.cli.grammar.shared import (
     add_smooth,
 )
 from vislam_ros.core.filters.registry import estimator_names
+from vislam_ros.core.settings import MOTION_SOURCES
 
 
 def add_run(commands: Commands) -> None:
@@ -58,6 +59,7 @@ def add_solve(commands: Commands) -> None:
   vislam solve drive.npz --out results --smooth
   vislam solve drive_bag --out third --fraction 0.33 --seed 1
   vislam solve car_bag --out results --remap imu/twist:=/car/twist
+  vislam solve drive.npz --out results --motion-source gyro     no velocity is needed
 """,
     )
     _add_estimation(parser)
@@ -113,7 +115,9 @@ and simulate, as below; its paths are relative to it, and flags go over it.
     add_reading(parser)
     parser.add_argument("--force", action="store_true", help="begin anew, forgetting old runs")
     # What a run takes besides; here they are settings like others.
-    parser.set_defaults(estimator=None, fraction=None, seed=None, namespace="", remap=())
+    parser.set_defaults(
+        estimator=None, fraction=None, seed=None, motion_source=None, namespace="", remap=()
+    )
 
 
 def _add_estimation(parser: argparse.ArgumentParser) -> None:
@@ -136,6 +140,12 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=whole_from(0), metavar="N", help="of the choice of tracks")
     parser.add_argument(
         "--map", type=Path, metavar="FILE", help="landmarks.npz for --estimator localization"
+    )
+    parser.add_argument(
+        "--motion-source",
+        choices=MOTION_SOURCES,
+        help="what measures the motion: twists, the gyroscope alone, or (auto) twists where there "
+        "are some",
     )
     add_reading(parser)
     add_namespace(

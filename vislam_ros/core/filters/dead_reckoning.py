@@ -14,12 +14,21 @@ from numpy.typing import ArrayLike, NDArray
 from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.motion import Increment, process_covariance, propagate, symmetrized
+from vislam_ros.core.motion import (
+    UNKNOWN_VELOCITY_VARIANCE,
+    Increment,
+    angular_twist,
+    measures_velocity,
+    process_covariance,
+    propagate,
+    symmetrized,
+)
 from vislam_ros.core.settings import PredictionSettings, SlamSettings, setting
 from vislam_ros.core.tracking.refusals import (
     RefusalCounts,
     RefusedMessage,
     Stream,
+    check_angular_velocity,
     check_twist,
 )
 from vislam_ros.core.tracking.time_order import Passes
@@ -45,6 +54,8 @@ class Prediction:
     twist : ndarray, (6,)
         ``[v; omega]`` in the body frame, metres and radians a second.
     twist_covariance : ndarray, (6, 6)
+    velocity_known : bool
+        Whether the velocity was measured; where not, it counts as zero and its covariance says so.
     """
 
     stamp: int
@@ -53,25 +64,28 @@ class Prediction:
     covariance: Array
     twist: Array
     twist_covariance: Array
+    velocity_known: bool = True
 
 
 class DeadReckoning:
-    """Pose from twists alone. It never takes a correction: it is the ``odom`` frame.
+    """Pose from motion alone. It never takes a correction: it is the ``odom`` frame.
 
-    A twist holds over the interval that ends at its stamp, so the first one only starts the
-    clock: the pose begins at the identity.
+    A sample holds over the interval that ends at its stamp, so the first one only starts the
+    clock: the pose begins at the identity. From a gyroscope alone the pose turns in its place.
     """
 
     def __init__(self, settings: PredictionSettings):
         self._settings = settings
         self.refused = RefusalCounts()
         self.resets = 0
-        self._passes = Passes({Stream.TWIST: settings.time_jump}, self.refused.add)
+        time_jumps = dict.fromkeys((Stream.TWIST, Stream.IMU), settings.time_jump)
+        self._passes = Passes(time_jumps, self.refused.add)
         self._pass = 0
         self._start()
 
     def _start(self) -> None:
         self._stamp: int | None = None
+        self._unmeasured = 0.0  # seconds without a velocity
         self._T = np.eye(4)
         self._covariance = self._settings.prior_pose_variance * np.eye(6)
 
@@ -97,8 +111,40 @@ class DeadReckoning:
         except RefusedMessage as error:
             self.refused.add(Stream.TWIST, error.refusal, stamp)
             return []
+        return self._enter(Stream.TWIST, stamp, twist)
+
+    def add_angular_velocity(self, stamp: int, omega: ArrayLike) -> list[Prediction]:
+        """Turn the pose up to a stamp by a gyroscope; a pass has either these or twists.
+
+        Parameters
+        ----------
+        stamp : int
+            Nanoseconds.
+        omega : array_like, (3,)
+            Radians a second, over the interval that ends at ``stamp``.
+
+        Returns
+        -------
+        list of Prediction
+            As of :meth:`add_twist`.
+        """
+        omega = np.asarray(omega, dtype=float)
+        try:
+            check_angular_velocity(omega)
+        except RefusedMessage as error:
+            self.refused.add(Stream.IMU, error.refusal, stamp)
+            return []
+        return self._enter(Stream.IMU, stamp, angular_twist(omega))
+
+    def add_motion(self, stamp: int, twist: Array) -> list[Prediction]:
+        """Take a twist (6,), or the angular velocity in one whose velocity is NaN."""
+        if measures_velocity(twist):
+            return self.add_twist(stamp, twist)
+        return self.add_angular_velocity(stamp, twist[3:])
+
+    def _enter(self, stream: Stream, stamp: int, twist: Array) -> list[Prediction]:
         predictions = []
-        for number, believed, its_twist in self._passes.enter(Stream.TWIST, stamp, twist):
+        for number, believed, its_twist in self._passes.enter(stream, stamp, twist):
             if number != self._pass:
                 self._pass = number
                 self._start()
@@ -113,10 +159,18 @@ class DeadReckoning:
 
     def _predict(self, stamp: int, twist: Array) -> Prediction:
         duration = 0.0 if self._stamp is None else (stamp - self._stamp) * 1e-9
+        velocity_known = measures_velocity(twist)
+        twist_covariance = self._twist_covariance(duration)
+        W = process_covariance(self._settings, duration)
+        if not velocity_known:
+            twist = np.concatenate([np.zeros(3), twist[3:]])
+            before, self._unmeasured = self._unmeasured, self._unmeasured + duration
+            # What is not known of the velocity does not average out, as noise does.
+            spread = self._unmeasured**2 - before**2
+            W[:3, :3] = UNKNOWN_VELOCITY_VARIANCE * spread * np.eye(3)
+            twist_covariance[:3, :3] = UNKNOWN_VELOCITY_VARIANCE * np.eye(3)
         if self._stamp is not None:
-            step = Increment(
-                se3.exp(duration * twist), duration, process_covariance(self._settings, duration)
-            )
+            step = Increment(se3.exp(duration * twist), duration, W)
             self._T = self._T @ step.T
             self._covariance = symmetrized(propagate(self._covariance, step))
         self._stamp = stamp
@@ -126,7 +180,8 @@ class DeadReckoning:
             quaternion=se3.quaternion_from_rotation(self._T[:3, :3]),
             covariance=self._covariance,
             twist=twist,
-            twist_covariance=self._twist_covariance(duration),
+            twist_covariance=twist_covariance,
+            velocity_known=velocity_known,
         )
 
     def _twist_covariance(self, duration: float) -> Array:

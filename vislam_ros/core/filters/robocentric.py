@@ -72,7 +72,7 @@ from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import warp
 from vislam_ros.core.linalg import gating
-from vislam_ros.core.motion import Increment, Twist
+from vislam_ros.core.motion import Increment, Twist, measures_velocity
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
@@ -240,11 +240,12 @@ class RobocentricFilter:
         return self.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
 
     def _measure_twist(self, measured: Array, tau: float) -> None:
-        """Correct by the prediction's mean twist (6,) over tau seconds."""
+        """Correct by the prediction's mean twist (6,) over tau seconds, or what there is of it."""
         self._motion_noise.add(measured)
         self._twist_variance = self._motion_noise.twist_variance
         error = twist_error(measured, self.twist, self.gyro_bias)
-        correction = VehicleCorrection(error, self._twist_variance, TWIST_ROWS)
+        R, known = self._twist_variance, slice(0 if measures_velocity(measured) else 3, 6)
+        correction = VehicleCorrection(error[known], R[known], TWIST_ROWS[known])
         self._shift(self._apply(correction).delta)
 
     def _move(self, tau: float) -> Keys:

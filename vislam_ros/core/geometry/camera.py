@@ -175,6 +175,11 @@ class StereoCamera:
         ray[..., 1] = (y[..., 2] - self.cy) / self.fy
         return ray, (y[..., 0] - y[..., 1]) / self.fx_baseline
 
+    def median_flow(self, y: Array, motion: Array) -> float:
+        """How far a motion (4, 4) of the body moves image points (n, 3), their median, pixels."""
+        T_new_old = self.T_camera_body @ se3.inverse(motion) @ self.T_body_camera
+        return float(np.median(np.linalg.norm(self.warp(y, T_new_old) - y, axis=1)))
+
     def warp(self, y: ArrayLike, T_new_old: ArrayLike) -> Array:
         """Image points after the left camera has moved: project after triangulate, in one.
 

@@ -39,6 +39,11 @@ class FrameRate:
         """Frames that should have come within a step of tau seconds and did not."""
         return max(round(tau / self._usual) - 1, 0)
 
+    @property
+    def usual(self) -> float:
+        """Usual duration of a step, seconds."""
+        return self._usual
+
     def frames(self, seconds: float) -> int:
         """Frames in a span of time."""
         return max(round(seconds * self.hertz), 1)

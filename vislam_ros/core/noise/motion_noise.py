@@ -23,11 +23,13 @@ wrong tracks do not move; where it exceeds the white noise threefold, it is the 
 All look back only, so the levels are the same live and offline.
 """
 
+import math
 from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.motion import measures_velocity
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.twist_noise import MEDIAN_TO_STD, TwistNoise
 
@@ -75,15 +77,17 @@ class MotionNoise:
         # Absolute errors of the measured twist by step, and what their median makes of the noise.
         self._errors: deque[Array] = deque()
         self._typical: Array = np.zeros(6)
+        self._measures_velocity = True
         self.walk_variance: Array = np.square(walk_std)
 
     def add(self, twist: Array) -> None:
-        """Add a measured twist (6,)."""
-        self._differences.add(twist)
+        """Add a measured twist (6,), its velocity NaN where there is none."""
+        self._measures_velocity = measures_velocity(twist)
+        self._differences.add(np.nan_to_num(twist))
 
     @property
     def twist_variance(self) -> Array:
-        """Variance (6,) of the measured twist.
+        """Variance (6,) of the measured twist; NaN of a velocity that is not measured.
 
         A sensor's white noise is alike on its three axes and the motion, which adds to the third
         differences, is not: the smallest axis counts.
@@ -102,6 +106,8 @@ class MotionNoise:
                 if sum(typical[sensor]) / 3 > _CONTRADICTED * level:
                     level = sum(typical[sensor]) / 3
             levels += 3 * [max(level, smallest**2)]
+        if not self._measures_velocity:
+            levels[:3] = 3 * [math.nan]
         return np.array(levels)
 
     def update(
@@ -122,7 +128,8 @@ class MotionNoise:
         before, after : ndarray, (6,)
             Variances P- and P+ of the twist.
         error, error_variance : ndarray, (6,)
-            ``z - h(x+)`` of the measured twist, and the diagonal of ``H P+ H^T``.
+            ``z - h(x+)`` of the measured twist, and the diagonal of ``H P+ H^T``; what was not
+            measured is NaN.
         tau : float
             Seconds of the step.
         """
@@ -131,6 +138,7 @@ class MotionNoise:
         variance = ((gain * change) ** 2 + Q - gain**2 * (before - after)) / tau
         self._learned += 1
         memory = self._rate.frames(_MEMORY)
+        error = np.nan_to_num(error)
         unexplained = error**2 + error_variance
         self._unexplained += (unexplained - self._unexplained) / min(self._learned, memory)
         share = 1.0 / min(self._learned + _PRIOR_STEPS, memory)

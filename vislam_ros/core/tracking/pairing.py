@@ -4,13 +4,19 @@
 
 import itertools
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.motion import Increment, Part, process_covariance
+from vislam_ros.core.motion import (
+    UNKNOWN_VELOCITY_VARIANCE,
+    Increment,
+    Part,
+    measures_velocity,
+    process_covariance,
+)
 from vislam_ros.core.settings import MotionSettings
 
 Array = NDArray[np.float64]
@@ -33,16 +39,21 @@ class PredictedPath:
         self._stamps: list[int] = []
         self._poses: list[Array] = []
         self._spans: list[int] = []  # for which the sample of a stamp stands [ns]
+        self._velocity_known: list[bool] = []  # to the sample of a stamp
         self._interval = 0
 
-    def add(self, stamp: int, T_odom_body: Array) -> None:
-        """Add a pose (4, 4) with a stamp (ns) later than all before."""
+    def add(self, stamp: int, T_odom_body: Array, *, velocity_known: bool = True) -> None:
+        """Add a pose (4, 4) with a stamp (ns) later than all before.
+
+        Where the velocity is not known, the pose tells the rotation alone.
+        """
         interval = stamp - self._stamps[-1] if self._stamps else 0
         missing = interval > _MISSING * self._interval > 0
         self._spans.append(self._interval if missing else interval)
         self._interval = interval
         self._stamps.append(stamp)
         self._poses.append(T_odom_body)
+        self._velocity_known.append(velocity_known)
 
     def begins_after(self, stamp: int) -> bool:
         """Tell whether a stamp (ns) lies before the first pose, which no later pose can mend."""
@@ -66,11 +77,19 @@ class PredictedPath:
         fraction = (stamp - begin) / (end - begin)
         return se3.interpolate(self._poses[after - 1], self._poses[after], fraction)
 
-    def increment(self, begin: int, end: int) -> Increment:
+    def increment(self, begin: int, end: int, usual: float) -> Increment:
         """Motion between two stamps (ns) inside the path, with the noise of every twist in it.
 
         A sample of the twist counts once, at its own stamp, however many steps see the motion that
-        it gave the prediction: before that stamp nothing of it was measured.
+        it gave the prediction: before that stamp nothing of it was measured. Where a step has many
+        samples, their mean is one for it, and for each usual step in a long one; one that reaches
+        over the end of the step then counts for its share.
+
+        Parameters
+        ----------
+        begin, end : int
+        usual : float
+            Duration of a usual step, seconds.
         """
         inner = range(bisect_right(self._stamps, begin), bisect_left(self._stamps, end))
         stamps = [begin, *(self._stamps[k] for k in inner), end]
@@ -85,30 +104,78 @@ class PredictedPath:
         motions = [T]
         if len(poses) > 2:
             motions = [se3.inverse(a) @ b for a, b in itertools.pairwise(poses)]
+        many = bisect_right(self._stamps, end) - bisect_right(self._stamps, begin) > 1
         parts = [
             part
             for (a, b), motion in zip(itertools.pairwise(stamps), motions, strict=True)
-            for part in self._parts(a, b, motion)
+            for part in self._parts(a, b, motion, shares=many)
         ]
+        if many:
+            parts = merged(parts, usual)
         return Increment(T, (end - begin) * 1e-9, covariance, tuple(parts))
 
-    def _parts(self, begin: int, end: int, motion: Array) -> Iterator[Part]:
-        """Yield the parts of a stretch (ns) that lies between two neighbouring poses."""
+    def _parts(self, begin: int, end: int, motion: Array, *, shares: bool) -> Iterator[Part]:
+        """Yield the parts of a stretch (ns) that lies between two neighbouring poses.
+
+        A sample that is still to come counts where it ``shares``.
+        """
         after = bisect_left(self._stamps, end)
-        sampled = self._stamps[after] == end
-        span = min(self._spans[after], end - begin) if sampled else 0
+        begins = self._stamps[after] - self._spans[after]
+        span = 0
+        if self._stamps[after] == end or shares:
+            span = end - min(max(begins, begin), end)
         if silent := end - begin - span:
             yield Part(silent * 1e-9, None)
         if span:
-            yield Part(span * 1e-9, se3.log(motion) / ((end - begin) * 1e-9))
+            twist = se3.log(motion) / ((end - begin) * 1e-9)
+            if not self._velocity_known[after]:
+                twist[:3] = np.nan
+            yield Part(span * 1e-9, twist)
 
     def _noise(self, begin: int, end: int) -> Array:
         """Noise of a stretch that lies between two neighbouring poses."""
         after = bisect_left(self._stamps, end)
         whole = self._stamps[after] - self._stamps[after - 1]
-        return process_covariance(self._settings, whole * 1e-9, (end - begin) / whole)
+        W = process_covariance(self._settings, whole * 1e-9, (end - begin) / whole)
+        if not self._velocity_known[after]:
+            W[:3, :3] = UNKNOWN_VELOCITY_VARIANCE * ((end - begin) * 1e-9) ** 2 * np.eye(3)
+        return W
 
     def forget_before(self, stamp: int) -> None:
         """Drop the poses that no stamp from this one (ns) on can need."""
         first = max(bisect_right(self._stamps, stamp) - 1, 0)
-        del self._stamps[:first], self._poses[:first], self._spans[:first]
+        for values in (self._stamps, self._poses, self._spans, self._velocity_known):
+            del values[:first]
+
+
+def merged(parts: Sequence[Part], usual: float) -> list[Part]:
+    """Merge parts that were measured one after the other, up to a usual step's duration (s)."""
+    result: list[Part] = []
+    for is_measured, run in itertools.groupby(parts, lambda part: part.measured is not None):
+        stretch = list(run)
+        if not is_measured:
+            result += stretch
+            continue
+        ends = np.cumsum([part.duration for part in stretch])
+        steps = max(round(float(ends[-1]) / usual), 1)
+        # A part belongs to the step in which its middle lies.
+        middles = ends - 0.5 * np.array([part.duration for part in stretch])
+        which = np.minimum((middles / ends[-1] * steps).astype(int), steps - 1)
+        for step in np.unique(which):
+            result.append(_mean([stretch[k] for k in np.flatnonzero(which == step)]))
+    return result
+
+
+def _mean(parts: Sequence[Part]) -> Part:
+    """One part of many, with the twist that moves the body as they do."""
+    if len(parts) == 1:
+        return parts[0]
+    motion, duration, velocity_known = np.eye(4), sum(part.duration for part in parts), True
+    for part in parts:
+        assert part.measured is not None
+        velocity_known &= measures_velocity(part.measured)
+        motion = motion @ se3.exp(part.duration * np.nan_to_num(part.measured))
+    twist = se3.log(motion) / duration
+    if not velocity_known:
+        twist[:3] = np.nan
+    return Part(duration, twist)

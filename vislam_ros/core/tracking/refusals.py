@@ -138,6 +138,16 @@ def check_twist(twist: ArrayLike) -> None:
     check_range(TURN_RATE, twist[3:])
 
 
+def check_angular_velocity(omega: ArrayLike) -> None:
+    """Refuse what is no angular velocity (3,) that can be; raises a RefusedMessage."""
+    omega = np.asarray(omega, dtype=float)
+    if omega.shape != (3,):
+        raise RefusedMessage(Refusal.WRONG_SIZE)
+    if not np.all(np.isfinite(omega)):
+        raise RefusedMessage(Refusal.NON_FINITE)
+    check_range(TURN_RATE, omega)
+
+
 def check_pose(position: ArrayLike, quaternion: ArrayLike) -> None:
     """Refuse what is no position (3,) and unit quaternion (4,); raises a RefusedMessage."""
     position = np.asarray(position, dtype=float)

@@ -186,7 +186,8 @@ def _better_readings(
 
 
 def _scale_reasons(scales: _Scales, flow: float, *, is_certain: bool) -> Iterator[Reason]:
-    shares = np.abs(scales.factors - 1.0) * scales.sizes
+    # What is not measured moves nothing, and its factor is anything.
+    shares = np.abs(np.where(scales.sizes > 0.0, scales.factors, 1.0) - 1.0) * scales.sizes
     checks = ("its unit, the baseline and the focal length", "its unit and the focal length")
     for what, check, factor, error, share in zip(
         ("velocity", "angular velocity"),

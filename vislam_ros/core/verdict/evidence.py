@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
-from vislam_ros.core.motion import Increment
+from vislam_ros.core.motion import Increment, angular_twist
 from vislam_ros.core.tracking.tracks import indices_of
 from vislam_ros.core.verdict.image_motion import FEWEST_POINTS, ImageMotion, image_motion
 
@@ -216,12 +216,17 @@ class Evidence:
 
     def _keep(self, first: _Half, second: _Half) -> None:
         halves = (first, second)
+        metric = 0.5 * (first.motion.metric + second.motion.metric)
+        twists = np.array([half.twists for half in halves])
+        if np.isnan(twists[:, REACH, :3]).all():
+            metric = _of_rotation(metric)
+            twists[..., :3] = 0.0
         pair = StepPair(
             second.stamp,
             np.array([half.tau for half in halves]),
             np.array([half.motion.xi for half in halves]),
-            0.5 * (first.motion.metric + second.motion.metric),
-            np.array([half.twists for half in halves]),
+            metric,
+            twists,
         )
         self._recent.append(pair)
         if self._gathered % self._kept == 0:
@@ -230,6 +235,15 @@ class Evidence:
         if len(self._pairs) > _MOST_PAIRS:
             self._pairs = self._pairs[::2]
             self._kept *= 2
+
+
+def _of_rotation(metric: Array) -> Array:
+    """Metric A (6, 6) of the rotation alone, whatever translation fits: A's Schur complement."""
+    rho, theta = slice(0, 3), slice(3, 6)
+    result = np.zeros((6, 6))
+    free = np.linalg.pinv(metric[rho, rho])
+    result[theta, theta] = metric[theta, theta] - metric[theta, rho] @ free @ metric[rho, theta]
+    return result
 
 
 def _common_points(
@@ -260,8 +274,10 @@ def _points(pixels: NDArray[np.float32]) -> Array:
 
 
 def _twist_of(increment: Increment) -> Array:
-    """Mean twist (6,) over a step as it was predicted."""
+    """Mean twist (6,) over a step as it was predicted; NaN as far as nothing was measured."""
     parts = increment.parts
+    if not increment.measures_velocity:
+        return angular_twist(se3.log_rotation(increment.T[:3, :3]) / increment.duration)
     if len(parts) == 1 and parts[0].measured is not None:
         return parts[0].measured
     if not increment.duration:

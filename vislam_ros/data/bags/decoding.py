@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.motion import UNKNOWN_VELOCITY_VARIANCE
 from vislam_ros.core.ranges import BASELINE, FOCAL_LENGTH, MOUNT, PRINCIPAL_POINT, TURN_RATE
 from vislam_ros.core.tracking.refusals import (
     Refusal,
@@ -103,11 +104,16 @@ def features(message: Any, frames: Frames) -> tuple[int, NDArray[np.uint32], NDA
     return stamp_of(message.header), ids, pixels
 
 
-def prediction(message: Any, frames: Frames) -> tuple[int, Array, Array]:
-    """Stamp (ns), position (3,) and unit quaternion (4,) of a predicted pose; see :func:`pose`."""
+def prediction(message: Any, frames: Frames) -> tuple[int, Array, Array, bool]:
+    """Stamp (ns), position (3,) and unit quaternion (4,) of a predicted pose; see :func:`pose`.
+
+    With them comes whether its velocity is known: one that is marked absent, or told with a
+    variance that says nothing, is not.
+    """
     _check_frame("header.frame_id", message.header.frame_id, "odom_frame", frames.odom)
     _check_frame("child_frame_id", message.child_frame_id, "base_frame", frames.base)
-    return true_pose(message)
+    velocity_known = 0.0 <= message.twist.covariance[0] < UNKNOWN_VELOCITY_VARIANCE
+    return *true_pose(message), bool(velocity_known)
 
 
 def true_pose(message: Any) -> tuple[int, Array, Array]:

@@ -47,9 +47,10 @@ def encode_drive(
     """
     messages = _Messages(drive, frames, store)
     streams: list[tuple[Topic, NDArray[np.int64], Callable[[int], Any]]] = [
-        (IMU, drive.twist_stamps, messages.imu),
-        (TWIST, drive.twist_stamps, messages.twist),
+        (IMU, drive.twist_stamps, messages.imu)
     ]
+    if drive.measures_velocity:
+        streams.append((TWIST, drive.twist_stamps, messages.twist))
     if drive.ground_truth is not None:
         truth = drive.ground_truth
         streams.append((GROUND_TRUTH, truth.stamps, lambda k: messages.odometry(truth, k)))

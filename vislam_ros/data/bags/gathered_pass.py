@@ -27,7 +27,8 @@ class GatheredPass:
     Attributes
     ----------
     twists, turns : list of (int, ndarray)
-        Twists (6,), and the IMU's angular velocities (3,) where they take the twists' place.
+        Twists (6,), or a gyroscope's samples as such; and the IMU's angular velocities (3,) where
+        they take the place of the twists' own.
     frames : list of (int, ndarray, ndarray)
         Ids (n,) and pixels (n, 4).
     poses : list of (int, ndarray, ndarray)
@@ -44,9 +45,16 @@ class GatheredPass:
     camera: StereoCamera | None = None
     refused: RefusalCounts = field(default_factory=RefusalCounts)
 
-    def sort(self, *, imu_turns: bool) -> None:
-        """Put each stream in the order of its stamps, and refuse what stands there twice."""
-        self.twists = self._sorted(self.twists, Stream.TWIST)
+    def sort(self, *, motion: Stream, imu_turns: bool) -> None:
+        """Put each stream in the order of its stamps, and refuse what stands there twice.
+
+        Parameters
+        ----------
+        motion : Stream
+            That which measures it.
+        imu_turns : bool
+        """
+        self.twists = self._sorted(self.twists, motion)
         self.frames = self._sorted(self.frames, Stream.FEATURES)
         self.poses = self._sorted(self.poses, None)
         if imu_turns:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.motion import angular_twist
 from vislam_ros.core.settings import MotionSettings
 from vislam_ros.core.tracking.refusals import Refusal, RefusalCounts, RefusedMessage, Stream
 from vislam_ros.core.tracking.time_order import Passes, TimeOrder
@@ -49,12 +50,16 @@ class ReadingRules:
         ``time_jump`` of imu_prediction_node and of slam_node, seconds.
     imu_turns : bool
         Whether the angular velocity is that of the ``imu/data`` message of the same stamp.
+    motion_source : str
+        One of :data:`~vislam_ros.core.settings.MOTION_SOURCES`; ``auto`` takes the gyroscope where
+        the bag has no topic of twists.
     """
 
     frames: Frames = DEFAULT_FRAMES
     twist_time_jump: float = _TIME_JUMP
     features_time_jump: float = _TIME_JUMP
     imu_turns: bool = False
+    motion_source: str = "auto"
 
 
 DEFAULT_RULES = ReadingRules()
@@ -137,14 +142,16 @@ class _Reading:
     ):
         self._bag = bag
         self._rules = rules
-        imu = (IMU,) if rules.imu_turns else ()
-        self._needed = (*CALIBRATION_TOPICS, *imu, TWIST, FEATURES)
+        recorded = [connection.topic for connection in bag.connections]
         self.names = names_in_bag(
-            (*self._needed, GROUND_TRUTH),
-            [connection.topic for connection in bag.connections],
+            (*CALIBRATION_TOPICS, IMU, TWIST, FEATURES, GROUND_TRUTH),
+            recorded,
             namespace_of(namespace),
             renamed,
         )
+        self._motion = self._motion_topic(recorded)
+        imu = (IMU,) if rules.imu_turns and self._motion is TWIST else ()
+        self._needed = (*CALIBRATION_TOPICS, *imu, self._motion, FEATURES)
         self._topics = self._present()
         self._calibration = Calibration(rules.frames)
         self._first_camera: StereoCamera | None = None
@@ -166,11 +173,21 @@ class _Reading:
         self._usable: set[Topic] = set()
         self._faults: dict[Topic, Counter[str]] = defaultdict(Counter)
 
+    def _motion_topic(self, recorded: Sequence[str]) -> Topic:
+        """Topic of what measures the motion."""
+        source = self._rules.motion_source
+        has_twists, has_imu = (self.names[topic] in recorded for topic in (TWIST, IMU))
+        return (
+            IMU if source == "gyro" or (source == "auto" and not has_twists and has_imu) else TWIST
+        )
+
     def _present(self) -> dict[str, Topic]:
         """Topics of a drive by their names in the bag."""
         msgtypes = {connection.topic: connection.msgtype for connection in self._bag.connections}
         topics = {}
         for topic, name in self.names.items():
+            if topic not in (*self._needed, GROUND_TRUTH):
+                continue
             if name not in msgtypes:
                 if topic is GROUND_TRUTH:
                     continue
@@ -210,8 +227,11 @@ class _Reading:
                 gathered.twists.append(twist)
         elif topic is IMU:
             came = decoding.angular_velocity(message, frames)
-            for gathered, turn in self._enter(Stream.IMU, came):
-                gathered.turns.append(turn)
+            for gathered, (stamp, omega) in self._enter(Stream.IMU, came):
+                if self._motion is IMU:
+                    gathered.twists.append((stamp, angular_twist(omega)))
+                else:
+                    gathered.turns.append((stamp, omega))
         elif topic is FEATURES:
             features = decoding.features(message, frames)
             for gathered, frame in self._enter(Stream.FEATURES, features):
@@ -268,7 +288,9 @@ class _Reading:
         notes = [*notes, *self._notes_on_truth(), *changes]
         passes = [gathered for _, gathered in sorted(self._passes.items())]
         for gathered in passes:
-            gathered.sort(imu_turns=self._rules.imu_turns)
+            stream = Stream.IMU if self._motion is IMU else Stream.TWIST
+            imu_turns = self._rules.imu_turns and self._motion is TWIST
+            gathered.sort(motion=stream, imu_turns=imu_turns)
         size = self._calibration.image_size
         return tuple(
             gathered.drive(name, gathered.camera or self._first_camera, size, notes)

@@ -105,7 +105,9 @@ def _provenance(drive: Drive, source: Path | None, settings: Mapping[str, Any]) 
 
 def _message_counts(drive: Drive) -> dict[Topic, int]:
     """How many messages a drive makes on each topic that it needs, in the order of TOPICS."""
-    streams = {IMU: len(drive.twist_stamps), TWIST: len(drive.twist_stamps), FEATURES: drive.steps}
+    streams = {IMU: len(drive.twist_stamps), FEATURES: drive.steps}
+    if drive.measures_velocity:
+        streams[TWIST] = len(drive.twist_stamps)
     if drive.ground_truth is not None:
         streams[GROUND_TRUTH] = len(drive.ground_truth)
     return {

@@ -178,7 +178,8 @@ class Player(Node):
         return make_outlets(self, connections, chosen, renamed)
 
     def _wait_for_subscribers(self) -> None:
-        needed = {TWIST: self.options.subscribers, FEATURES: self.options.subscribers}
+        motion = TWIST if TWIST in self._by_role else IMU
+        needed = {motion: self.options.subscribers, FEATURES: self.options.subscribers}
         # What is kept for those who come later need not wait for them.
         needed.update(dict.fromkeys(CALIBRATION_TOPICS, 1))
         waiting = [
@@ -191,7 +192,7 @@ class Player(Node):
             links = [
                 f"{count} subscriber(s) of {topic.name}"
                 for topic, outlet, count in waiting
-                if outlet.subscribers < count
+                if outlet.subscribers < count and not self._is_replaced(topic, count)
             ]
             whole = self.options.whole_graph
             if self.options.rate == 0.0:
@@ -207,6 +208,11 @@ class Player(Node):
                     f"playing after {self.options.wait:g} s without {', '.join(links)}: start "
                     "the nodes first, or wait longer"
                 )
+
+    def _is_replaced(self, topic: Topic, count: int) -> bool:
+        """Whether the nodes take another topic's messages in place of this one's."""
+        imu = self._by_role.get(IMU)
+        return topic is TWIST and imu is not None and imu.subscribers >= count
 
     def _play_once(self, progress: Progress | None) -> bool:
         """Publish the chosen part of the bag; whether it came to its end."""
