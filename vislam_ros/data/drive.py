@@ -47,6 +47,8 @@ class Drive:
         Track of each observation, increasing inside a frame.
     pixels : ndarray of float32, (n, 4)
         ``u_left, v_left, u_right, v_right``.
+    noise : ndarray of float32, (n,), or None
+        Standard deviation of each observation, pixels; None where the source states none.
     ground_truth : Trajectory or None
         Poses of the body in its first pose's frame, where they are known.
     notes : tuple of str
@@ -64,6 +66,7 @@ class Drive:
     offsets: NDArray[np.int64]
     ids: NDArray[np.uint32]
     pixels: NDArray[np.float32]
+    noise: NDArray[np.float32] | None = None
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
     refused: RefusalCounts = field(default_factory=RefusalCounts)
@@ -78,6 +81,7 @@ class Drive:
         camera: StereoCamera,
         *,
         twist_stamps: ArrayLike | None = None,
+        noise: Sequence[ArrayLike] | None = None,
         ground_truth: Trajectory | None = None,
         name: str = "tracks",
     ) -> "Drive":
@@ -98,6 +102,8 @@ class Drive:
         camera : StereoCamera
         twist_stamps : array_like, (N,), optional
             As ``stamps``, where twists have stamps of their own.
+        noise : sequence of T array_like, (n_k,) each, optional
+            Standard deviation of each observation, pixels, in the order of ``ids``.
         ground_truth : Trajectory, optional
         name : str, optional
 
@@ -126,6 +132,7 @@ class Drive:
             if len(frames) != len(feature_stamps):
                 raise VislamError(f"{what}: {len(frames)} frames for {len(feature_stamps)} stamps")
         seen = [_frame(k, *frame) for k, frame in enumerate(zip(ids, pixels, strict=True))]
+        stated = None if noise is None else _noise(ids, noise)
         all_pixels = np.concatenate([frame_pixels for _, frame_pixels in seen])
         return cls(
             name=name,
@@ -137,6 +144,7 @@ class Drive:
             offsets=np.cumsum([0, *(len(frame_ids) for frame_ids, _ in seen)]),
             ids=np.concatenate([frame_ids for frame_ids, _ in seen]),
             pixels=all_pixels,
+            noise=stated,
             ground_truth=ground_truth,
         )
 
@@ -242,3 +250,21 @@ def _frame(
         raise VislamError(f"frame {k}: a pixel of track {track} is not finite")
     PIXEL.require(seen, f"frame {k}")
     return result, seen[order]
+
+
+def _noise(ids: Sequence[ArrayLike], noise: Sequence[ArrayLike]) -> NDArray[np.float32]:
+    """Noise (n,) of all observations, in the order of their ids, of frames that are right."""
+    if len(noise) != len(ids):
+        raise VislamError(f"noise: {len(noise)} frames for {len(ids)} of ids")
+    frames = [np.empty(0, dtype=np.float32)]
+    for k, (frame_ids, stated) in enumerate(zip(ids, noise, strict=True)):
+        values = np.asarray(stated, dtype=np.float32)
+        given = np.asarray(frame_ids)
+        if values.shape != given.shape:
+            raise VislamError(
+                f"frame {k}: has noise of shape {values.shape} for ids of shape {given.shape}"
+            )
+        if not np.all(np.isfinite(values) & (values > 0)):
+            raise VislamError(f"frame {k}: the noise of an observation is not finite and above 0")
+        frames.append(values[np.argsort(given, kind="stable")])
+    return np.concatenate(frames)

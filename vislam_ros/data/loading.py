@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A drive from whatever a command is given: a dataset or a bag."""
+"""A drive from whatever a command is given: a dataset, a bag, or images."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,6 +13,8 @@ from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import format_of, read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.images import bag
+from vislam_ros.data.images.sources import is_images, read_images
 from vislam_ros.errors import VislamError
 
 
@@ -23,9 +25,10 @@ def load_passes(
     rules: ReadingRules = DEFAULT_RULES,
     topics: Mapping[str, str] | None = None,
     namespace: str = "",
+    motion: Path | str | None = None,
     progress: Progress | None = None,
 ) -> tuple[Drive, ...]:
-    """Read the drives of a dataset, which is one, or of a bag: one for each pass over the data.
+    """Read the drives of a dataset or of images, which is one, or of a bag: one for each pass.
 
     Parameters
     ----------
@@ -35,8 +38,11 @@ def load_passes(
         package's convention.
     rules, topics, namespace : ReadingRules, mapping of str to str, str, optional
         For bags, see :func:`vislam_ros.data.bags.reader.read_passes`.
+    motion : Path or str, optional
+        For images, a dataset or a bag with their motion, see
+        :func:`vislam_ros.data.images.sources.read_images`.
     progress : callable, optional
-        For datasets, called with the share done.
+        For datasets and images, called with the share done.
 
     Raises
     ------
@@ -44,16 +50,31 @@ def load_passes(
         Where the path is neither, is damaged or cannot be read.
     """
     path = Path(path)
+    of_bag = is_bag(path)
+    if of_bag:
+        require_intact(path)
+    if is_images(path) or (of_bag and bag.matches(path, topics)):
+        drive = load_images(
+            path,
+            motion,
+            conventions=conventions,
+            rules=rules,
+            topics=topics,
+            namespace=namespace,
+            progress=progress,
+        )
+        return (drive,)
+    if motion is not None and path.exists():
+        raise VislamError(f"{path}: holds no images: leave out --motion, which is for these")
     if format_of(path):
         return (read_dataset(path, conventions=conventions, progress=progress),)
-    if is_bag(path):
-        require_intact(path)
+    if of_bag:
         return read_passes(path, rules=rules, topics=topics, namespace=namespace)
     if not path.exists():
         raise VislamError(f"{path}: no such file or directory")
     raise VislamError(
         f"{path}: is neither a dataset of a known format (as .npz, .npy) nor a bag (a directory "
-        "with metadata.yaml, or .mcap)"
+        "with metadata.yaml, or .mcap), nor a folder of images (EuRoC/ASL, KITTI)"
     )
 
 
@@ -64,6 +85,7 @@ def load_drive(
     rules: ReadingRules = DEFAULT_RULES,
     topics: Mapping[str, str] | None = None,
     namespace: str = "",
+    motion: Path | str | None = None,
     progress: Progress | None = None,
 ) -> Drive:
     """Read a drive, the first pass of :func:`load_passes`, with its arguments and errors."""
@@ -73,9 +95,38 @@ def load_drive(
         rules=rules,
         topics=topics,
         namespace=namespace,
+        motion=motion,
         progress=progress,
     )
     if others:
         note = f"The stamps begin anew: this is the first of {len(others) + 1} passes."
         return replace(first, notes=(*first.notes, note))
     return first
+
+
+def load_images(
+    path: Path,
+    motion: Path | str | None = None,
+    *,
+    conventions: Conventions = AS_FOUND,
+    rules: ReadingRules = DEFAULT_RULES,
+    topics: Mapping[str, str] | None = None,
+    namespace: str = "",
+    progress: Progress | None = None,
+) -> Drive:
+    """Track features through images, see :func:`vislam_ros.data.images.sources.read_images`.
+
+    A bag's damage is not looked for here.
+    """
+    images = read_images(
+        path,
+        None if motion is None else Path(motion),
+        conventions=conventions,
+        rules=rules,
+        topics=topics,
+        namespace=namespace,
+    )
+    # OpenCV takes a while to import, which others need not wait for.
+    from vislam_ros.data.images.tracking import tracked_drive
+
+    return tracked_drive(images, progress=progress)

@@ -80,6 +80,9 @@ RIGHT_CAMERA = Topic(
 EXTRINSICS = Topic(
     "stereo/extrinsics", "geometry_msgs/msg/TransformStamped", LATCHED_QOS, Stream.EXTRINSICS
 )
+LEFT_IMAGE = Topic("stereo/left/image_raw", "sensor_msgs/msg/Image")
+RIGHT_IMAGE = Topic("stereo/right/image_raw", "sensor_msgs/msg/Image")
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 STATIC_TRANSFORMS = Topic("tf_static", "tf2_msgs/msg/TFMessage", LATCHED_QOS)
 GROUND_TRUTH = Topic("ground_truth/odometry", "nav_msgs/msg/Odometry")
 

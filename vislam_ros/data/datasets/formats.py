@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from vislam_ros.data.datasets import npz
+from vislam_ros.data.datasets import npz, tracks_file
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
@@ -34,7 +34,7 @@ class DatasetFormat(Protocol):
         """The drive of a path that matches; a VislamError tells what is wrong with it."""
 
 
-_formats: list[DatasetFormat] = [npz]
+_formats: list[DatasetFormat] = [tracks_file, npz]
 
 
 def register_dataset(dataset_format: DatasetFormat) -> None:

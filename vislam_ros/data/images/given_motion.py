@@ -1,0 +1,145 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Motion from a dataset or a bag, for images that another file holds."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.stereo_rig import StereoRig
+from vislam_ros.data.drive import Drive
+from vislam_ros.data.images.pairing import half_a_period, pair_stamps
+from vislam_ros.data.images.reference_poses import of_another_body
+from vislam_ros.data.images.stereo_images import Motion, StereoImages
+from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.errors import VislamError
+
+Stamps = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class GivenMotion:
+    """What a dataset or a bag tells beside its features.
+
+    Attributes
+    ----------
+    source : str
+        What to call it in an error.
+    motion : Motion
+    frames : ndarray of int64, (T,), or None
+        Stamps of its own feature frames, nanoseconds, where it has some.
+    camera : StereoCamera or None
+        Its rectified camera, where it has one.
+    ground_truth : Trajectory or None
+    notes : tuple of str
+    """
+
+    source: str
+    motion: Motion
+    frames: Stamps | None = None
+    camera: StereoCamera | None = None
+    ground_truth: Trajectory | None = None
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of_drive(cls, drive: Drive, source: str) -> "GivenMotion":
+        """Motion, stamps, camera and truth of a drive."""
+        return cls(
+            source=source,
+            motion=Motion(drive.twist_stamps, drive.twists),
+            frames=drive.feature_stamps if drive.steps else None,
+            camera=drive.camera,
+            ground_truth=drive.ground_truth,
+            notes=drive.notes,
+        )
+
+
+def with_motion(images: StereoImages, given: GivenMotion) -> StereoImages:
+    """Give images the motion of another source, its stamps, extrinsics and truth.
+
+    Frames of both are the same ones where each image's stamp is nearest to a frame's within half a
+    period, or where the images have no times, or times of another clock that run alike: then the
+    first image is of the first frame. Where the other source has no frames, both tell the time by
+    one clock.
+
+    Raises
+    ------
+    VislamError
+        Where their times have nothing in common.
+    """
+    if given.frames is None:
+        return _moved(_of_one_clock(images, given), given)
+    return _moved(_of_frames(images, given.frames, given.source), given)
+
+
+def _of_one_clock(images: StereoImages, given: GivenMotion) -> StereoImages:
+    first, last = given.motion.stamps[[0, -1]].tolist()
+    if not images.timed or images.stamps[0] > last or images.stamps[-1] < first:
+        raise VislamError(
+            f"{given.source}: tells the motion from {first} to {last} ns, which is not the time "
+            f"of {images.name}: give the motion that was recorded with the images"
+        )
+    return images
+
+
+def _of_frames(images: StereoImages, frames: Stamps, source: str) -> StereoImages:
+    """Images with the stamps of their frames."""
+    stamps = images.stamps
+    if not images.timed:
+        if stamps[-1] >= len(frames):
+            raise VislamError(
+                f"{source}: has {len(frames)} frames, none for image {stamps[-1]} of "
+                f"{images.name}: give the motion that was recorded with the images"
+            )
+        taken = images.at(np.arange(len(stamps)), frames[stamps])
+        return replace(
+            taken, notes=(*images.notes, "The images have the stamps of the motion's frames.")
+        )
+    tolerance = half_a_period(stamps)
+    pairs = pair_stamps(stamps, frames, tolerance)
+    if len(pairs.first):
+        missing = len(stamps) - len(pairs.first)
+        notes = [f"Left out {missing} images without a frame of the motion."] if missing else []
+        taken = images.at(pairs.first, frames[pairs.second])
+        return replace(taken, notes=(*images.notes, *notes))
+    shared = min(len(stamps), len(frames))
+    apart = np.abs((stamps[:shared] - stamps[0]) - (frames[:shared] - frames[0]))
+    if shared < len(stamps) or apart.max() > tolerance:
+        raise VislamError(
+            f"{source}: none of its {len(frames)} frames is at the time of an image of "
+            f"{images.name}: give the motion that was recorded with the images"
+        )
+    note = "The images' clock is another than the motion's: taken from the first frame on."
+    taken = images.at(np.arange(shared), frames[:shared])
+    return replace(taken, notes=(*images.notes, note))
+
+
+def _moved(images: StereoImages, given: GivenMotion) -> StereoImages:
+    """Images on the body of a motion."""
+    truth = given.ground_truth
+    rig = images.rig
+    if given.camera is not None:
+        rig = replace(rig, T_body_left=_raw_extrinsics(rig, given.camera))
+    if truth is None and images.ground_truth is not None:
+        T_old_new = images.rig.T_body_left @ se3.inverse(rig.T_body_left)
+        truth = of_another_body(images.ground_truth, T_old_new)
+    return replace(
+        images,
+        rig=rig,
+        motion=given.motion,
+        ground_truth=truth,
+        notes=(*images.notes, *given.notes),
+    )
+
+
+def _raw_extrinsics(rig: StereoRig, camera: StereoCamera) -> NDArray[np.float64]:
+    """Pose (4, 4) of the raw left camera in the body, from that of the rectified one."""
+    # It brings OpenCV, which takes a while to import.
+    from vislam_ros.frontend.rectification import Rectification
+
+    at_home = replace(rig, T_body_left=np.eye(4))
+    T_left_rectified = Rectification(at_home).camera.T_body_camera
+    return camera.T_body_camera @ se3.inverse(T_left_rectified)

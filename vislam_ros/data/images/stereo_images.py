@@ -1,0 +1,120 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A drive in images: pairs that are read one after the other, with what else is known of them."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vislam_ros.core.geometry.stereo_rig import StereoRig
+from vislam_ros.data.trajectory import Trajectory
+
+
+class RawImage(NamedTuple):
+    """Pixels (H, W) or (H, W, channels), 8 or 16 bits, and their encoding in ROS's words."""
+
+    pixels: NDArray[Any]
+    encoding: str
+
+
+class StereoPair(NamedTuple):
+    """Both images of a moment: its stamp in nanoseconds, left and right."""
+
+    stamp: int
+    left: RawImage
+    right: RawImage
+
+
+#: Opens the pairs at some places, increasing, of all that there are, in this order.
+PairReader = Callable[[Sequence[int]], Iterator[tuple[RawImage, RawImage]]]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the body's motion was measured as.
+
+    Attributes
+    ----------
+    stamps : ndarray of int64, (N,)
+        Nanoseconds, strictly increasing. A sample stands for the time that ends at its stamp.
+    twists : ndarray, (N, 6)
+        ``[v; omega]`` in the body frame, metres and radians a second; v is NaN where the velocity
+        is not measured.
+    accelerations : ndarray, (N, 3), or None
+        Specific force in the body frame, m/s^2.
+    """
+
+    stamps: NDArray[np.int64]
+    twists: NDArray[np.float64]
+    accelerations: NDArray[np.float64] | None = None
+
+    @classmethod
+    def of_imu(
+        cls,
+        stamps: NDArray[np.int64],
+        angular_velocities: NDArray[np.float64],
+        accelerations: NDArray[np.float64] | None = None,
+    ) -> "Motion":
+        """Motion of an IMU's samples: angular velocities (N, 3), accelerations (N, 3) or none."""
+        unknown = np.full(angular_velocities.shape, np.nan)
+        return cls(stamps, np.column_stack([unknown, angular_velocities]), accelerations)
+
+
+@dataclass(frozen=True)
+class StereoImages:
+    """Pairs of images, none of which is in memory before it is asked for.
+
+    Attributes
+    ----------
+    name : str
+        What to call the drive.
+    rig : StereoRig
+        Both cameras as they took the images.
+    stamps : ndarray of int64, (T,)
+        Nanoseconds, strictly increasing; numbers of the frames where they are not ``timed``.
+    places : sequence of int, (T,)
+        Of the pairs, for ``reader``.
+    reader : callable
+        Reads the pairs.
+    timed : bool
+        Whether the source tells when the images were taken.
+    motion : Motion or None
+    ground_truth : Trajectory or None
+        Poses of the body in its first pose's frame, where they are known.
+    notes : tuple of str
+        What was taken for what, repaired or left out, a sentence each.
+    """
+
+    name: str
+    rig: StereoRig
+    stamps: NDArray[np.int64]
+    places: Sequence[int]
+    reader: PairReader
+    timed: bool = True
+    motion: Motion | None = None
+    ground_truth: Trajectory | None = None
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Read the pairs, in the order of their stamps.
+
+        Raises
+        ------
+        VislamError
+            Naming the image that cannot be read.
+        """
+        for stamp, (left, right) in zip(
+            self.stamps.tolist(), self.reader(self.places), strict=True
+        ):
+            yield StereoPair(stamp, left, right)
+
+    def at(self, rows: NDArray[np.intp], stamps: NDArray[np.int64]) -> "StereoImages":
+        """Some of the pairs, by their rows (n,), increasing, with other stamps (n,)."""
+        places = [self.places[row] for row in rows.tolist()]
+        return replace(self, stamps=stamps, places=places, timed=True)
