@@ -58,7 +58,7 @@ def test_features_round_trip_exactly():
     ids = np.arange(50, dtype=np.uint32)
     pixels = rng.uniform(-10, 1000, (50, 4)).astype(np.float32)
     message = conversions.features_to_message(11, DEFAULT_FRAMES.camera, ids, pixels)
-    stamp, ids_back, pixels_back = decoding.features(message, DEFAULT_FRAMES)
+    stamp, ids_back, pixels_back, _ = decoding.features(message, DEFAULT_FRAMES)
     assert stamp == 11
     np.testing.assert_array_equal(ids_back, ids)
     np.testing.assert_array_equal(pixels_back, pixels)
@@ -68,7 +68,7 @@ def test_features_without_points_are_empty():
     message = conversions.features_to_message(
         0, DEFAULT_FRAMES.camera, np.empty(0, np.uint32), np.empty((0, 4), np.float32)
     )
-    _, ids, pixels = decoding.features(message, DEFAULT_FRAMES)
+    _, ids, pixels, _ = decoding.features(message, DEFAULT_FRAMES)
     assert ids.shape == (0,)
     assert pixels.shape == (0, 4)
 

@@ -116,7 +116,7 @@ def test_refused_features_are_counted_and_the_next_ones_go_on(node, capture, dri
     for prediction in drive.predictions:
         node.on_prediction(prediction)
 
-    ids, pixels = decoding.features(drive.features[4], DEFAULT_FRAMES)[1:]
+    ids, pixels = decoding.features(drive.features[4], DEFAULT_FRAMES)[1:3]
     not_finite = pixels.copy()
     not_finite[3, 1] = np.nan
     twice = np.zeros_like(ids)
@@ -241,7 +241,7 @@ def losing_tracks(drive, node):
         zip(drive.predictions, drive.features, strict=True)
     ):
         node.on_prediction(prediction)
-        stamp, ids, pixels = decoding.features(features, DEFAULT_FRAMES)
+        stamp, ids, pixels, _ = decoding.features(features, DEFAULT_FRAMES)
         node.on_features(
             conversions.features_to_message(
                 stamp, "camera_left_optical", ids[3 * k :], pixels[3 * k :]

@@ -68,5 +68,7 @@ PRINCIPAL_POINT = Range("a principal point", -LARGEST_PIXEL, LARGEST_PIXEL, "px"
 #: From a stereo microscope's to a ship's.
 BASELINE = Range("a baseline", 1e-4, 1e3, "m")
 PIXEL = Range("a pixel", -LARGEST_PIXEL, LARGEST_PIXEL, "px")
+#: A hundredth of what Lucas and Kanade reach, to an image's width.
+PIXEL_NOISE = Range("a pixel's noise", 1e-4, 1e4, "px")
 #: What goes on after a day is another drive.
 GAP = Range("a gap between stamps", 0.0, 86_400.0, "s")

@@ -8,7 +8,6 @@ and values alone, never on when a message happened to arrive.
 
 import time
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +25,7 @@ from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_dri
 from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.step import SlamStep
 from vislam_ros.core.tracking.pairing import PredictedPath
+from vislam_ros.core.tracking.pending_frame import PendingFrame
 from vislam_ros.core.tracking.refusals import (
     Refusal,
     RefusalCounts,
@@ -42,19 +42,6 @@ from vislam_ros.core.verdict.verdict import Verdict
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class _PendingFrame:
-    pass_number: int
-    stamp: int
-    ids: NDArray[np.uint32]
-    pixels: NDArray[np.float32]
-
-    @property
-    def weight(self) -> int:
-        """What it counts as among those that wait: one, and one more for each thousand points."""
-        return 1 + len(self.ids) // 1000
 
 
 class Slam:
@@ -118,7 +105,7 @@ class Slam:
         time_jumps = dict.fromkeys(streams, self._settings.time_jump)
         self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
-        self._pending: deque[_PendingFrame] = deque()
+        self._pending: deque[PendingFrame] = deque()
         self._weight = 0
         self._begin_pass(0)
 
@@ -223,7 +210,9 @@ class Slam:
             path.add(believed, T_odom_body, velocity_known=known)
         return self._advance()
 
-    def add_features(self, stamp: int, ids: ArrayLike, pixels: ArrayLike) -> list[SlamStep]:
+    def add_features(
+        self, stamp: int, ids: ArrayLike, pixels: ArrayLike, noise: ArrayLike | None = None
+    ) -> list[SlamStep]:
         """Take the features of one stamp.
 
         Parameters
@@ -233,6 +222,8 @@ class Slam:
         ids : array_like of uint32, (n,)
         pixels : array_like of float32, (n, 4)
             ``u_left, v_left, u_right, v_right``.
+        noise : array_like of float32, (n,), optional
+            Standard deviation of each, where the source states it, pixels.
 
         Returns
         -------
@@ -241,16 +232,17 @@ class Slam:
         """
         ids = np.asarray(ids, dtype=np.uint32)
         pixels = np.asarray(pixels, dtype=np.float32)
+        stated = None if noise is None else np.asarray(noise, dtype=np.float32)
         try:
-            check_features(ids, pixels)
+            check_features(ids, pixels, stated)
         except RefusedMessage as error:
             self.refused.add(Stream.FEATURES, error.refusal, stamp)
             return []
         chosen = chosen_tracks(ids, self._settings.feature_fraction, self._settings.seed)
-        frame = ids[chosen], pixels[chosen]
+        frame = ids[chosen], pixels[chosen], None if stated is None else stated[chosen]
         for number, entered, content in self._passes.enter(Stream.FEATURES, stamp, frame):
             if self._weight < self._settings.max_pending:
-                self._pending.append(_PendingFrame(number, entered, *content))
+                self._pending.append(PendingFrame(number, entered, *content))
                 self._weight += self._pending[-1].weight
             else:
                 self.refused.add(Stream.FEATURES, Refusal.QUEUE_FULL, entered)
@@ -315,7 +307,7 @@ class Slam:
         """Take the first frame out of those that wait."""
         self._weight -= self._pending.popleft().weight
 
-    def _step(self, frame: _PendingFrame, path: PredictedPath) -> SlamStep:
+    def _step(self, frame: PendingFrame, path: PredictedPath) -> SlamStep:
         begin = time.perf_counter()
         if frame.pass_number != self._pass:
             self._keep_pass()
@@ -337,6 +329,7 @@ class Slam:
             frame.pixels,
             lambda: self._motion_expected(increment),
             missed=self._frames_missed(increment),
+            noise=frame.noise,
         )
         outcome = self._estimator.step(increment, tracked)
         if self._given_map is None:

@@ -193,6 +193,10 @@ class Drive:
         rows = slice(self.offsets[k], self.offsets[k + 1])
         return self.ids[rows], self.pixels[rows]
 
+    def noise_of(self, k: int) -> NDArray[np.float32] | None:
+        """Stated noise (n,) of frame ``k``, pixels; None where there is none."""
+        return None if self.noise is None else self.noise[self.offsets[k] : self.offsets[k + 1]]
+
 
 def image_size_that_holds(pixels: NDArray[np.float32]) -> tuple[int, int]:
     """Width and height of the smallest image, at least 1 x 1, with room for pixels (n, 4)."""

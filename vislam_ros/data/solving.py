@@ -95,7 +95,8 @@ def feed(
     for place in np.argsort(stamps, kind="stable").tolist():
         k = place - len(drive.twist_stamps)
         if k >= 0:
-            yield None, slam.add_features(int(drive.feature_stamps[k]), *drive.frame(k))
+            stamp, noise = int(drive.feature_stamps[k]), drive.noise_of(k)
+            yield None, slam.add_features(stamp, *drive.frame(k), noise)
             continue
         motion = int(drive.twist_stamps[place]), drive.twists[place]
         for prediction in reckoning.add_motion(*motion):

@@ -33,7 +33,11 @@ from std_msgs.msg import Header
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
-from vislam_ros.data.bags.feature_cloud import FEATURE_FIELDS, pack_features
+from vislam_ros.data.bags.feature_cloud import (
+    FEATURE_FIELDS,
+    NOISY_FEATURE_FIELDS,
+    pack_features,
+)
 from vislam_ros.data.trajectory import NANOSECONDS
 
 Array = NDArray[np.float64]
@@ -53,6 +57,10 @@ LANDMARK_DTYPE = np.dtype(
 _FEATURE_POINT_FIELDS = [
     PointField(name=name, offset=offset, datatype=datatype, count=1)
     for name, offset, datatype in FEATURE_FIELDS
+]
+_NOISY_POINT_FIELDS = [
+    PointField(name=name, offset=offset, datatype=datatype, count=1)
+    for name, offset, datatype in NOISY_FEATURE_FIELDS
 ]
 _LANDMARK_POINT_FIELDS = [
     PointField(
@@ -183,10 +191,15 @@ def transform_of_odometry(message: Odometry) -> TransformStamped:
 
 
 def features_to_message(
-    stamp: int, frame: str, ids: NDArray[np.uint32], pixels: NDArray[np.float32]
+    stamp: int,
+    frame: str,
+    ids: NDArray[np.uint32],
+    pixels: NDArray[np.float32],
+    noise: NDArray[np.float32] | None = None,
 ) -> PointCloud2:
-    """Features cloud of ids (n,) and pixels (n, 4) ``u_left, v_left, u_right, v_right``."""
-    return _cloud(stamp, frame, _FEATURE_POINT_FIELDS, 20, pack_features(ids, pixels))
+    """Features cloud of ids (n,), pixels (n, 4) ``u_left, v_left, u_right, v_right``, noise (n,)."""
+    fields, size = (_FEATURE_POINT_FIELDS, 20) if noise is None else (_NOISY_POINT_FIELDS, 24)
+    return _cloud(stamp, frame, fields, size, pack_features(ids, pixels, noise))
 
 
 def landmarks_to_message(stamp: int, frame: str, landmarks: LandmarkMap) -> PointCloud2:

@@ -106,9 +106,9 @@ class SlamNode(Node):
     def on_features(self, message: PointCloud2) -> None:
         """Take the features of one stamp."""
         received_at = time.monotonic()
-        stamp, ids, pixels = decoding.features(message, self._frames)
+        stamp, ids, pixels, noise = decoding.features(message, self._frames)
         self._received_at.setdefault(stamp, received_at)
-        self._publish(self.core.add_features(stamp, ids, pixels))
+        self._publish(self.core.add_features(stamp, ids, pixels, noise))
 
     def _publish(self, steps: list[SlamStep]) -> None:
         """Publish what the core has answered."""

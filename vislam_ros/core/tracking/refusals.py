@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vislam_ros.core.ranges import PIXEL, POSITION, TURN_RATE, VELOCITY, Range
+from vislam_ros.core.ranges import PIXEL, PIXEL_NOISE, POSITION, TURN_RATE, VELOCITY, Range
 from vislam_ros.errors import VislamError
 
 
@@ -161,8 +161,8 @@ def check_pose(position: ArrayLike, quaternion: ArrayLike) -> None:
         raise RefusedMessage(Refusal.NOT_A_ROTATION)
 
 
-def check_features(ids: ArrayLike, pixels: ArrayLike) -> None:
-    """Refuse what is no frame: ids (n,), each once, and pixels (n, 4) that can be.
+def check_features(ids: ArrayLike, pixels: ArrayLike, noise: ArrayLike | None = None) -> None:
+    """Refuse what is no frame: ids (n,), each once, pixels (n, 4) and noise (n,) that can be.
 
     Raises
     ------
@@ -174,5 +174,9 @@ def check_features(ids: ArrayLike, pixels: ArrayLike) -> None:
     if not np.all(np.isfinite(pixels)):
         raise RefusedMessage(Refusal.NON_FINITE)
     check_range(PIXEL, pixels)
+    if noise is not None:
+        if np.shape(noise) != (len(ids),):
+            raise RefusedMessage(Refusal.WRONG_SIZE)
+        check_range(PIXEL_NOISE, noise)
     if not np.all(ids[1:] > ids[:-1]) and len(np.unique(ids)) != len(ids):
         raise RefusedMessage(Refusal.DUPLICATE_IDS)

@@ -30,6 +30,8 @@ class TrackedFrame:
         Whether the frame repeats the last one's pixels while the body moves.
     left_out : int
         New tracks that there was no room for.
+    noise : ndarray, (n,), or None
+        Standard deviation of each observation as its source states it, pixels.
     """
 
     keys: Keys
@@ -38,3 +40,4 @@ class TrackedFrame:
     copied: NDArray[np.bool_]
     frozen: bool
     left_out: int = 0
+    noise: NDArray[np.float64] | None = None

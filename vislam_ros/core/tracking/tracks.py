@@ -112,6 +112,7 @@ class Tracks:
         pixels: NDArray[np.float32],
         motion_expected: Callable[[], bool],
         missed: int = 0,
+        noise: NDArray[np.float32] | None = None,
     ) -> TrackedFrame:
         """Take a frame.
 
@@ -125,6 +126,8 @@ class Tracks:
             only where many have not.
         missed : int
             Frames that are missing before this one: in them nothing was seen.
+        noise : ndarray of float32, (n,), optional
+            As their source states it, pixels.
 
         Returns
         -------
@@ -136,11 +139,13 @@ class Tracks:
         if np.any(ids[1:] < ids[:-1]):
             order = np.argsort(ids)
             ids, pixels = ids[order], pixels[order]
+            noise = None if noise is None else noise[order]
         ended_before = self._miss(missed)
         chosen = self._chosen(ids, pixels)
         left_out = len(ids)
         if chosen is not None:
             ids, pixels = ids[chosen], pixels[chosen]
+            noise = None if noise is None else noise[chosen]
         left_out -= len(ids)
         keys, copied, in_last_frame, found, rest = _continued(
             ids, pixels, self._ids, self._keys, self._pixels, self._unseen, self._rest
@@ -171,6 +176,7 @@ class Tracks:
             copied=copied[by_key],
             frozen=frozen,
             left_out=left_out,
+            noise=None if noise is None else noise[by_key].astype(float),
         )
 
     def _miss(self, missed: int) -> Keys:

@@ -90,18 +90,21 @@ def angular_velocity(message: Any, frames: Frames) -> tuple[int, Array]:
     return stamp_of(message.header), omega
 
 
-def features(message: Any, frames: Frames) -> tuple[int, NDArray[np.uint32], NDArray[np.float32]]:
-    """Stamp (ns), increasing ids (n,) and pixels (n, 4) of a features PointCloud2.
+def features(
+    message: Any, frames: Frames
+) -> tuple[int, NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32] | None]:
+    """Stamp (ns), increasing ids (n,), pixels (n, 4) and noise (n,) of a features PointCloud2.
 
-    Pixels are ``u_left, v_left, u_right, v_right``.
+    Pixels are ``u_left, v_left, u_right, v_right``; the noise is None where none is stated.
     """
     _check_frame("header.frame_id", message.header.frame_id, "camera_frame", frames.camera)
-    ids, pixels = unpack_features(message)
-    check_features(ids, pixels)
+    ids, pixels, noise = unpack_features(message)
+    check_features(ids, pixels, noise)
     if not np.all(ids[1:] > ids[:-1]):
         order = np.argsort(ids)
         ids, pixels = ids[order], pixels[order]
-    return stamp_of(message.header), ids, pixels
+        noise = None if noise is None else noise[order]
+    return stamp_of(message.header), ids, pixels, noise
 
 
 def prediction(message: Any, frames: Frames) -> tuple[int, Array, Array, bool]:

@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys.store import Typestore
 
-from vislam_ros.data.bags.feature_cloud import FEATURE_DTYPE, FEATURE_FIELDS, pack_features
+from vislam_ros.data.bags.feature_cloud import (
+    FEATURE_DTYPE,
+    FEATURE_FIELDS,
+    NOISY_FEATURE_DTYPE,
+    NOISY_FEATURE_FIELDS,
+    pack_features,
+)
 from vislam_ros.data.bags.layout import (
     EXTRINSICS,
     FEATURES,
@@ -86,7 +92,9 @@ class _Messages:
         self._none = self._vector([0.0, 0.0, 0.0])
         self._fields = [
             self._new["PointField"](name=name, offset=offset, datatype=datatype, count=1)
-            for name, offset, datatype in FEATURE_FIELDS
+            for name, offset, datatype in (
+                FEATURE_FIELDS if drive.noise is None else NOISY_FEATURE_FIELDS
+            )
         ]
 
     def latched(self, stamp: int) -> list[tuple[Topic, Any]]:
@@ -126,15 +134,16 @@ class _Messages:
 
     def features(self, k: int) -> Any:
         ids, pixels = self._drive.frame(k)
+        point = (FEATURE_DTYPE if self._drive.noise is None else NOISY_FEATURE_DTYPE).itemsize
         return self._new["PointCloud2"](
             header=self._header(self._drive.feature_stamps[k], self._frames.camera),
             height=1,
             width=len(ids),
             fields=self._fields,
             is_bigendian=False,
-            point_step=FEATURE_DTYPE.itemsize,
-            row_step=FEATURE_DTYPE.itemsize * len(ids),
-            data=pack_features(ids, pixels),
+            point_step=point,
+            row_step=point * len(ids),
+            data=pack_features(ids, pixels, self._drive.noise_of(k)),
             is_dense=True,
         )
 

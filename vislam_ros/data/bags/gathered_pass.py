@@ -18,6 +18,7 @@ from vislam_ros.data.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=tuple[Any, ...])
+Frame = tuple[int, NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32] | None]
 
 
 @dataclass
@@ -29,8 +30,8 @@ class GatheredPass:
     twists, turns : list of (int, ndarray)
         Twists (6,), or a gyroscope's samples as such; and the IMU's angular velocities (3,) where
         they take the place of the twists' own.
-    frames : list of (int, ndarray, ndarray)
-        Ids (n,) and pixels (n, 4).
+    frames : list of (int, ndarray, ndarray, ndarray or None)
+        Ids (n,), pixels (n, 4), and their noise (n,) where it is stated.
     poses : list of (int, ndarray, ndarray)
         Ground truth: position (3,) and quaternion (4,).
     camera : StereoCamera or None
@@ -40,7 +41,7 @@ class GatheredPass:
 
     twists: list[tuple[int, Array]] = field(default_factory=list)
     turns: list[tuple[int, Array]] = field(default_factory=list)
-    frames: list[tuple[int, NDArray[np.uint32], NDArray[np.float32]]] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
     poses: list[tuple[int, Array, Array]] = field(default_factory=list)
     camera: StereoCamera | None = None
     refused: RefusalCounts = field(default_factory=RefusalCounts)
@@ -94,21 +95,29 @@ class GatheredPass:
         self, name: str, camera: StereoCamera, image_size: tuple[int, int], notes: Sequence[str]
     ) -> Drive:
         """Drive of a sorted pass."""
-        pixels = np.concatenate([np.empty((0, 4), np.float32), *(p for _, _, p in self.frames)])
+        frames = self.frames
+        pixels = np.concatenate([np.empty((0, 4), np.float32), *(p for _, _, p, _ in frames)])
         return Drive(
             name=name,
             camera=camera,
             image_size=image_size if all(image_size) else image_size_that_holds(pixels),
             twist_stamps=_stamps(self.twists),
             twists=np.array([twist for _, twist in self.twists]).reshape(-1, 6),
-            feature_stamps=_stamps(self.frames),
-            offsets=np.cumsum([0, *(len(ids) for _, ids, _ in self.frames)], dtype=np.int64),
-            ids=np.concatenate([np.empty(0, np.uint32), *(ids for _, ids, _ in self.frames)]),
+            feature_stamps=_stamps(frames),
+            offsets=np.cumsum([0, *(len(ids) for _, ids, _, _ in frames)], dtype=np.int64),
+            ids=np.concatenate([np.empty(0, np.uint32), *(ids for _, ids, _, _ in frames)]),
             pixels=pixels,
+            noise=_stated([noise for *_, noise in frames]),
             ground_truth=_trajectory(self.poses) if self.poses else None,
             notes=tuple(notes),
             refused=self.refused,
         )
+
+
+def _stated(noise: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
+    """Noise (n,) of all observations; None unless all frames state it."""
+    stated = [values for values in noise if values is not None]
+    return np.concatenate(stated) if stated and len(stated) == len(noise) else None
 
 
 def _stamps(items: Sequence[tuple[Any, ...]]) -> NDArray[np.int64]:
