@@ -172,14 +172,16 @@ class StereoTracker:
         there, found = follow(
             before, left, points.left, guess[:, [0, 2]].astype(np.float32), settings.round_trip
         )
-        points, there, y = points[found], there[found], y[found]
-        motion = camera_motion(camera, y, there, settings.off_the_motion)
-        warped, maps, good = moved(
-            camera, y, points.slopes, expected if motion is None else motion
-        )
-        if motion is not None:
-            off = np.linalg.norm(warped[:, [0, 2]] - there, axis=1)
-            good &= off <= settings.off_the_motion
+        motion = camera_motion(camera, y[found], there[found], settings.off_the_motion)
+        if motion is None:
+            warped, maps, good = moved(camera, y, points.slopes, expected)
+            good &= found
+        else:
+            warped, maps, good = moved(camera, y, points.slopes, motion)
+            expected_there = warped[:, [0, 2]].astype(np.float32)
+            # What was lost on the way, as near points are that grow, is looked for where it must be.
+            there = np.where(found[:, None], there, expected_there)
+            good &= np.linalg.norm(expected_there - there, axis=1) <= settings.off_the_motion
             points.disparities = (warped[:, 0] - warped[:, 1]).astype(np.float32)
         self._motion = np.eye(4) if motion is None else motion
         to_before = np.linalg.inv(maps[good]).astype(np.float64)
