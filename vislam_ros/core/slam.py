@@ -7,7 +7,6 @@ and values alone, never on when a message happened to arrive.
 """
 
 import time
-from collections import deque
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +16,7 @@ from vislam_ros.core.filters.flat_settings import completed
 from vislam_ros.core.filters.registry import Surroundings, estimator_named
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.motion import Increment, mean_twist
 from vislam_ros.core.noise.frame_rate import FrameRate
@@ -25,7 +25,7 @@ from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_dri
 from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.step import SlamStep
 from vislam_ros.core.tracking.pairing import PredictedPath
-from vislam_ros.core.tracking.pending_frame import PendingFrame
+from vislam_ros.core.tracking.pending_frame import PendingFrame, PendingFrames
 from vislam_ros.core.tracking.refusals import (
     Refusal,
     RefusalCounts,
@@ -93,6 +93,7 @@ class Slam:
         self._given_map = given_map if self._registration.needs_map else None
         self._record = record
         self._camera: StereoCamera | None = None
+        self._rectification: PixelRectification | None = None
         self.refused = RefusalCounts()
         self.resets = 0
         self.previous_map: LandmarkMap | None = None
@@ -105,8 +106,7 @@ class Slam:
         time_jumps = dict.fromkeys(streams, self._settings.time_jump)
         self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
-        self._pending: deque[PendingFrame] = deque()
-        self._weight = 0
+        self._pending = PendingFrames(self._settings.max_pending)
         self._begin_pass(0)
 
     def _begin_pass(self, pass_number: int) -> None:
@@ -114,6 +114,7 @@ class Slam:
         self._pass = pass_number
         self._estimator: Estimator | None = None
         self._camera_in_use: StereoCamera | None = None
+        self._rectification_in_use: PixelRectification | None = None
         smoothable = self._registration.smoothable
         self._tape = Tape() if self._record and smoothable else None
         self._verdict: Verdict | None = None
@@ -161,17 +162,25 @@ class Slam:
         if self._estimator is not None:
             self.previous_map, self.previous_verdict = self.best_landmarks(), self.verdict()
 
-    def set_camera(self, camera: StereoCamera) -> list[SlamStep]:
+    def set_camera(
+        self, camera: StereoCamera, rectification: PixelRectification | None = None
+    ) -> list[SlamStep]:
         """Tell the calibration; features that came before it are waiting.
 
         A calibration that differs from the one in use holds from the next pass on.
+
+        Parameters
+        ----------
+        camera : StereoCamera
+        rectification : PixelRectification, optional
+            What makes the pixels those of ``camera``, where they are not.
 
         Returns
         -------
         list of SlamStep
             The steps that became ready.
         """
-        self._camera = camera
+        self._camera, self._rectification = camera, rectification
         return self._advance()
 
     def add_prediction(
@@ -241,10 +250,7 @@ class Slam:
         chosen = chosen_tracks(ids, self._settings.feature_fraction, self._settings.seed)
         frame = ids[chosen], pixels[chosen], None if stated is None else stated[chosen]
         for number, entered, content in self._passes.enter(Stream.FEATURES, stamp, frame):
-            if self._weight < self._settings.max_pending:
-                self._pending.append(PendingFrame(number, entered, *content))
-                self._weight += self._pending[-1].weight
-            else:
+            if not self._pending.add(PendingFrame(number, entered, *content)):
                 self.refused.add(Stream.FEATURES, Refusal.QUEUE_FULL, entered)
         return self._advance()
 
@@ -293,19 +299,15 @@ class Slam:
             pass_is_over = self._passes.number(Stream.PREDICTION) > frame.pass_number
             covered = path is not None and path.reaches(frame.stamp)
             if covered and path is not None and not path.begins_after(frame.stamp):
-                self._take()
-                steps.append(self._step(frame, path))
+                steps.append(self._step(self._pending.take(), path))
             elif covered or pass_is_over:
                 # No prediction that is still to come can tell where this frame was taken.
-                self._take()
-                self.refused.add(Stream.FEATURES, Refusal.NO_PREDICTION, frame.stamp)
+                self.refused.add(
+                    Stream.FEATURES, Refusal.NO_PREDICTION, self._pending.take().stamp
+                )
             else:
                 break
         return steps
-
-    def _take(self) -> None:
-        """Take the first frame out of those that wait."""
-        self._weight -= self._pending.popleft().weight
 
     def _step(self, frame: PendingFrame, path: PredictedPath) -> SlamStep:
         begin = time.perf_counter()
@@ -322,8 +324,10 @@ class Slam:
         if self._estimator is None or self._verdict is None:
             assert self._camera is not None
             self._camera_in_use = self._camera
+            self._rectification_in_use = self._rectification
             self._estimator = self._new_estimator(self._camera)
             self._verdict = Verdict(self._camera)
+        frame = frame.rectified(self._rectification_in_use)
         tracked = self._tracks.observe(
             frame.ids,
             frame.pixels,
