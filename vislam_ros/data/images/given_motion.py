@@ -12,7 +12,7 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.stereo_rig import StereoRig
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.images.pairing import half_a_period, pair_stamps
-from vislam_ros.data.images.reference_poses import of_another_body
+from vislam_ros.data.images.reference_poses import from_first_pose, of_another_body
 from vislam_ros.data.images.stereo_images import Motion, StereoImages
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
@@ -120,6 +120,8 @@ def _of_frames(images: StereoImages, frames: Stamps, source: str) -> StereoImage
 def _moved(images: StereoImages, given: GivenMotion) -> StereoImages:
     """Images on the body of a motion."""
     truth = given.ground_truth
+    if truth is not None:
+        truth = from_first_pose(truth.stamps, truth.T_world_body, images.stamps)
     rig = images.rig
     if given.camera is not None:
         rig = replace(rig, T_body_left=_raw_extrinsics(rig, given.camera))

@@ -36,7 +36,8 @@ def tracked_drive(
     Returns
     -------
     Drive
-        With the camera of the rectified images, and the noise that the front end states.
+        With the camera of the rectified images, the noise that the front end states, and the
+        motion in the time of the images.
 
     Raises
     ------
@@ -49,6 +50,7 @@ def tracked_drive(
         raise VislamError(
             f"{images.name}: nothing tells {what}: give a dataset or a bag that does with --motion"
         )
+    motion = motion.during(images.stamps)
     rectification = Rectification(images.rig)
     camera = rectification.camera
     tracker = StereoTracker(camera, rectification.image_size, settings or TrackerSettings())
