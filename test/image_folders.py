@@ -136,7 +136,7 @@ def write_kitti_odometry(folder: Path, *, times: bool = True) -> Path:
 
 
 def clock_text(stamp: int) -> str:
-    second, nanosecond = divmod(int(stamp), NANOSECONDS)
+    second, nanosecond = divmod(stamp, NANOSECONDS)
     moment = np.datetime64(second, "s")
     return f"{str(moment).replace('T', ' ')}.{nanosecond:09d}"
 
@@ -150,7 +150,7 @@ def write_kitti_raw(folder: Path) -> Path:
         for k in range(FRAMES):
             write_image(folder / name / "data" / f"{k:010d}.png", pair(k)[side])
         (folder / name / "timestamps.txt").write_text(
-            "".join(f"{clock_text(stamp)}\n" for stamp in STAMPS)
+            "".join(f"{clock_text(stamp)}\n" for stamp in STAMPS.tolist())
         )
     data = folder / "oxts" / "data"
     data.mkdir(parents=True)
@@ -161,7 +161,7 @@ def write_kitti_raw(folder: Path) -> Path:
         values[17:20] = 0.001, -0.002, 0.003
         (data / f"{k:010d}.txt").write_text(" ".join(map(repr, values.tolist())))
     (folder / "oxts" / "timestamps.txt").write_text(
-        "".join(f"{clock_text(stamp + 3_000_000)}\n" for stamp in STAMPS)
+        "".join(f"{clock_text(stamp + 3_000_000)}\n" for stamp in STAMPS.tolist())
     )
     around = folder.parent
     rows = {f"S_rect_{n}": f"{WIDTH} {HEIGHT}" for n in ("00", "01")}

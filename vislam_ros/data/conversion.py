@@ -5,12 +5,11 @@
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vislam_ros.data.bags.bag_messages import is_bag
-from vislam_ros.data.bags.integrity import file_sha256
+from vislam_ros.data.bags.integrity import file_sha256, require_intact
 from vislam_ros.data.bags.layout import DEFAULT_FRAMES, Frames
 from vislam_ros.data.bags.reader import ReadingRules
 from vislam_ros.data.bags.writer import check_bag_output, write_bag
@@ -18,6 +17,7 @@ from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.images import bag
 from vislam_ros.data.images.sources import is_images
 from vislam_ros.data.loading import load_images
 from vislam_ros.data.trajectory import Trajectory, read_tum
@@ -69,18 +69,23 @@ def convert(
     """
     check_bag_output(output, force=force)
     report = progress or (lambda _share: None)
-    reading: dict[str, Any] = {
-        "conventions": conventions,
-        "progress": lambda share: report(_LOADING_SHARE * share),
-    }
-    if is_images(data) or is_bag(data):
-        rules = ReadingRules(frames=frames)
-        of_bag = {"rules": rules, "topics": topics, "namespace": namespace}
-        drive = load_images(data, motion, **of_bag, **reading)
+    reading: Progress = lambda share: report(_LOADING_SHARE * share)
+    if is_bag(data):
+        require_intact(data)
+    if is_images(data) or (is_bag(data) and bag.matches(data, topics)):
+        drive = load_images(
+            data,
+            motion,
+            conventions=conventions,
+            rules=ReadingRules(frames=frames),
+            topics=topics,
+            namespace=namespace,
+            progress=reading,
+        )
     elif motion is not None and data.exists():
         raise VislamError(f"{data}: holds no images: leave out --motion, which is for these")
     else:
-        drive = read_dataset(data, **reading)
+        drive = read_dataset(data, conventions=conventions, progress=reading)
     settings: dict[str, object] = dataclasses.asdict(conventions)
     if reference is not None:
         drive = dataclasses.replace(drive, ground_truth=_clipped(reference, drive))

@@ -94,13 +94,22 @@ def features(message: Any, frames: Frames) -> tuple[int, NDArray[np.uint32], NDA
 
     Pixels are ``u_left, v_left, u_right, v_right``.
     """
+    stamp, ids, pixels, _ = features_with_noise(message, frames)
+    return stamp, ids, pixels
+
+
+def features_with_noise(
+    message: Any, frames: Frames
+) -> tuple[int, NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32] | None]:
+    """As :func:`features`, and the standard deviations (n,), pixels, where it states them."""
     _check_frame("header.frame_id", message.header.frame_id, "camera_frame", frames.camera)
-    ids, pixels = unpack_features(message)
+    ids, pixels, noise = unpack_features(message)
     check_features(ids, pixels)
     if not np.all(ids[1:] > ids[:-1]):
         order = np.argsort(ids)
         ids, pixels = ids[order], pixels[order]
-    return stamp_of(message.header), ids, pixels
+        noise = None if noise is None else noise[order]
+    return stamp_of(message.header), ids, pixels, noise
 
 
 def prediction(message: Any, frames: Frames) -> tuple[int, Array, Array]:

@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys.store import Typestore
 
-from vislam_ros.data.bags.feature_cloud import FEATURE_DTYPE, FEATURE_FIELDS, pack_features
+from vislam_ros.data.bags.feature_cloud import (
+    FEATURE_DTYPE,
+    FEATURE_FIELDS,
+    NOISY_FEATURE_DTYPE,
+    NOISY_FEATURE_FIELDS,
+    pack_features,
+)
 from vislam_ros.data.bags.layout import (
     EXTRINSICS,
     FEATURES,
@@ -85,8 +91,11 @@ class _Messages:
         self._none = self._vector([0.0, 0.0, 0.0])
         self._fields = [
             self._new["PointField"](name=name, offset=offset, datatype=datatype, count=1)
-            for name, offset, datatype in FEATURE_FIELDS
+            for name, offset, datatype in (
+                FEATURE_FIELDS if drive.noise is None else NOISY_FEATURE_FIELDS
+            )
         ]
+        self._point_step = (FEATURE_DTYPE if drive.noise is None else NOISY_FEATURE_DTYPE).itemsize
 
     def latched(self, stamp: int) -> list[tuple[Topic, Any]]:
         """Calibration, once as users of cameras and once as users of TF expect it."""
@@ -125,15 +134,18 @@ class _Messages:
 
     def features(self, k: int) -> Any:
         ids, pixels = self._drive.frame(k)
+        noise = self._drive.noise
+        if noise is not None:
+            noise = noise[self._drive.offsets[k] : self._drive.offsets[k + 1]]
         return self._new["PointCloud2"](
             header=self._header(self._drive.feature_stamps[k], self._frames.camera),
             height=1,
             width=len(ids),
             fields=self._fields,
             is_bigendian=False,
-            point_step=FEATURE_DTYPE.itemsize,
-            row_step=FEATURE_DTYPE.itemsize * len(ids),
-            data=pack_features(ids, pixels),
+            point_step=self._point_step,
+            row_step=self._point_step * len(ids),
+            data=pack_features(ids, pixels, noise),
             is_dense=True,
         )
 

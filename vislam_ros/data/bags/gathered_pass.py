@@ -5,7 +5,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Frame: TypeAlias = tuple[int, NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32] | None]
 T = TypeVar("T", bound=tuple[Any, ...])
 
 
@@ -28,8 +29,8 @@ class GatheredPass:
     ----------
     twists, turns : list of (int, ndarray)
         Twists (6,), and the IMU's angular velocities (3,) where they take the twists' place.
-    frames : list of (int, ndarray, ndarray)
-        Ids (n,) and pixels (n, 4).
+    frames : list of (int, ndarray, ndarray, ndarray or None)
+        Ids (n,), pixels (n, 4), and noise (n,) where it is stated.
     poses : list of (int, ndarray, ndarray)
         Ground truth: position (3,) and quaternion (4,).
     camera : StereoCamera or None
@@ -39,7 +40,7 @@ class GatheredPass:
 
     twists: list[tuple[int, Array]] = field(default_factory=list)
     turns: list[tuple[int, Array]] = field(default_factory=list)
-    frames: list[tuple[int, NDArray[np.uint32], NDArray[np.float32]]] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
     poses: list[tuple[int, Array, Array]] = field(default_factory=list)
     camera: StereoCamera | None = None
     refused: RefusalCounts = field(default_factory=RefusalCounts)
@@ -86,7 +87,7 @@ class GatheredPass:
         self, name: str, camera: StereoCamera, image_size: tuple[int, int], notes: Sequence[str]
     ) -> Drive:
         """Drive of a sorted pass."""
-        pixels = np.concatenate([np.empty((0, 4), np.float32), *(p for _, _, p in self.frames)])
+        pixels = np.concatenate([np.empty((0, 4), np.float32), *(p for _, _, p, _ in self.frames)])
         return Drive(
             name=name,
             camera=camera,
@@ -94,9 +95,10 @@ class GatheredPass:
             twist_stamps=_stamps(self.twists),
             twists=np.array([twist for _, twist in self.twists]).reshape(-1, 6),
             feature_stamps=_stamps(self.frames),
-            offsets=np.cumsum([0, *(len(ids) for _, ids, _ in self.frames)], dtype=np.int64),
-            ids=np.concatenate([np.empty(0, np.uint32), *(ids for _, ids, _ in self.frames)]),
+            offsets=np.cumsum([0, *(len(ids) for _, ids, *_ in self.frames)], dtype=np.int64),
+            ids=np.concatenate([np.empty(0, np.uint32), *(ids for _, ids, *_ in self.frames)]),
             pixels=pixels,
+            noise=_noise([stated for *_, stated in self.frames]),
             ground_truth=_trajectory(self.poses) if self.poses else None,
             notes=tuple(notes),
             refused=self.refused,
@@ -113,3 +115,9 @@ def _trajectory(poses: Sequence[tuple[int, Array, Array]]) -> Trajectory:
         np.array([position for _, position, _ in poses]),
         np.array([quaternion for _, _, quaternion in poses]),
     )
+
+
+def _noise(frames: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
+    """Noise (n,) of all frames; None where one of them does not state it."""
+    stated = [noise for noise in frames if noise is not None]
+    return np.concatenate(stated) if stated and len(stated) == len(frames) else None

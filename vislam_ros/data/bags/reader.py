@@ -213,7 +213,7 @@ class _Reading:
             for gathered, turn in self._enter(Stream.IMU, came):
                 gathered.turns.append(turn)
         elif topic is FEATURES:
-            features = decoding.features(message, frames)
+            features = decoding.features_with_noise(message, frames)
             for gathered, frame in self._enter(Stream.FEATURES, features):
                 if not gathered.frames:
                     gathered.camera = self._calibration.camera

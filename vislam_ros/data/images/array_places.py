@@ -130,7 +130,7 @@ class _Walk:
             if opcode is None or left < 0:
                 raise _Malformed
             if opcode.name == "STOP":
-                return _opened(self._stack.pop())
+                return _opened(self._pop())
             self._do(opcode)
             if opcode.name in _BYTES and self._stack[-1].length >= FEWEST_BYTES:
                 left += _OPCODES_OF_AN_IMAGE
