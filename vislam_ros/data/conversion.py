@@ -17,8 +17,8 @@ from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.images import bag
-from vislam_ros.data.images.sources import is_images
+from vislam_ros.data.image_sources import is_images
+from vislam_ros.data.images.bags import reader as bag
 from vislam_ros.data.loading import load_images
 from vislam_ros.data.trajectory import Trajectory, read_tum
 from vislam_ros.errors import VislamError
@@ -69,7 +69,10 @@ def convert(
     """
     check_bag_output(output, force=force)
     report = progress or (lambda _share: None)
-    reading: Progress = lambda share: report(_LOADING_SHARE * share)
+
+    def reading(share: float) -> None:
+        report(_LOADING_SHARE * share)
+
     if is_bag(data):
         require_intact(data)
     if is_images(data) or (is_bag(data) and bag.matches(data, topics)):

@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Image files of each kind are read as they are; a false claim is refused before it is believed."""
+"""Image files of each kind are read as they are; false claims are refused, not believed."""
 
 import struct
 import tracemalloc

@@ -33,7 +33,7 @@ from vislam_ros.data.bags.reader import ReadingRules, check_readable
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.json_file import write_json
 from vislam_ros.data.files.parameter_file import write_parameters
-from vislam_ros.data.images.bag import matches as has_bag_images
+from vislam_ros.data.images.bags.reader import matches as has_bag_images
 from vislam_ros.data.results.recording import STOPPED, map_patience
 from vislam_ros.data.results.summary import has_ended, read_summary
 from vislam_ros.data.results.writer import pass_directories, refuse_used

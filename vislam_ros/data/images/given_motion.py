@@ -100,21 +100,21 @@ def _of_frames(images: StereoImages, frames: Stamps, source: str) -> StereoImage
         )
     tolerance = half_a_period(stamps)
     pairs = pair_stamps(stamps, frames, tolerance)
-    if len(pairs.first):
-        missing = len(stamps) - len(pairs.first)
-        notes = [f"Left out {missing} images without a frame of the motion."] if missing else []
-        taken = images.at(pairs.first, frames[pairs.second])
-        return replace(taken, notes=(*images.notes, *notes))
-    shared = min(len(stamps), len(frames))
-    apart = np.abs((stamps[:shared] - stamps[0]) - (frames[:shared] - frames[0]))
-    if shared < len(stamps) or apart.max() > tolerance:
-        raise VislamError(
-            f"{source}: none of its {len(frames)} frames is at the time of an image of "
-            f"{images.name}: give the motion that was recorded with the images"
+    notes: list[str] = []
+    if not len(pairs.first):
+        pairs = pair_stamps(stamps - stamps[0] + frames[0], frames, tolerance)
+        if len(pairs.first) < len(stamps):
+            raise VislamError(
+                f"{source}: none of its {len(frames)} frames is at the time of an image of "
+                f"{images.name}: give the motion that was recorded with the images"
+            )
+        notes.append(
+            "The images' clock is not the motion's: their first frames are taken for one."
         )
-    note = "The images' clock is another than the motion's: taken from the first frame on."
-    taken = images.at(np.arange(shared), frames[:shared])
-    return replace(taken, notes=(*images.notes, note))
+    elif missing := len(stamps) - len(pairs.first):
+        notes.append(f"Left out {missing} images without a frame of the motion.")
+    taken = images.at(pairs.first, frames[pairs.second])
+    return replace(taken, notes=(*images.notes, *notes))
 
 
 def _moved(images: StereoImages, given: GivenMotion) -> StereoImages:

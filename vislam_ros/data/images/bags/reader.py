@@ -28,8 +28,8 @@ from vislam_ros.data.bags.layout import (
     Topic,
 )
 from vislam_ros.data.bags.stereo_rig import stereo_rig
-from vislam_ros.data.images.bag_motion import RecordedMotion
-from vislam_ros.data.images.bag_topics import ImageTopics, find_topics, has_images
+from vislam_ros.data.images.bags.motion import RecordedMotion
+from vislam_ros.data.images.bags.topics import ImageTopics, find_topics, has_images
 from vislam_ros.data.images.given_motion import GivenMotion
 from vislam_ros.data.images.image_file import decoded
 from vislam_ros.data.images.pairing import half_a_period, pair_stamps, pairing_notes

@@ -14,7 +14,12 @@ import numpy as np
 
 from vislam_ros.core.geometry.stereo_rig import RawCamera, StereoRig
 from vislam_ros.data.files.inputs import open_input
-from vislam_ros.data.images.array_places import FEWEST_BYTES, Place, StoredArray, locate_arrays
+from vislam_ros.data.images.folders.array_places import (
+    FEWEST_BYTES,
+    Place,
+    StoredArray,
+    locate_arrays,
+)
 from vislam_ros.data.images.given_motion import GivenMotion, with_motion
 from vislam_ros.data.images.image_file import LARGEST_IMAGE
 from vislam_ros.data.images.stereo_images import RawImage, StereoImages
@@ -132,8 +137,8 @@ class _Side:
         """Read an image of an open file."""
         image = self._images[place]
         file.seek(image.place.offset)
-        data = file.read(image.place.length)
-        if len(data) < image.place.length:
+        data = bytearray(image.place.length)
+        if file.readinto(data) < len(data):
             raise VislamError(f"{path}: was cut off while it was being read")
         flat = np.frombuffer(data, np.uint8)
         pixels = (

@@ -10,8 +10,9 @@ from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.bags.reader import DEFAULT_RULES, ReadingRules, read_passes
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import format_of, read_dataset
-from vislam_ros.data.images import asl, bag, course, kitti_odometry, kitti_raw
-from vislam_ros.data.images.bag_topics import has_features
+from vislam_ros.data.images.bags import reader as bag
+from vislam_ros.data.images.bags.topics import has_features
+from vislam_ros.data.images.folders import asl, course, kitti_odometry, kitti_raw
 from vislam_ros.data.images.given_motion import GivenMotion, with_motion
 from vislam_ros.data.images.stereo_images import StereoImages
 from vislam_ros.errors import VislamError

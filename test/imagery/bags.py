@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The small drive of image_folders as a bag, under the names of this package or of a driver."""
+"""The small drive of imagery.folders as a bag, under the names of this package or of a driver."""
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -8,7 +8,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from image_folders import (
+from imagery.folders import (
     BASELINE,
     FOCAL,
     FRAMES,

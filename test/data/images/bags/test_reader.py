@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from image_bags import (
+from imagery.bags import (
     NEW,
     OURS,
     REALSENSE,
@@ -17,7 +17,7 @@ from image_bags import (
     transform,
     write_messages,
 )
-from image_folders import (
+from imagery.folders import (
     BASELINE,
     FOCAL,
     FRAMES,
@@ -31,8 +31,8 @@ from image_folders import (
 )
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.data.images import bag
-from vislam_ros.data.images.sources import read_images, read_motion
+from vislam_ros.data.image_sources import read_images, read_motion
+from vislam_ros.data.images.bags import reader as bag
 from vislam_ros.data.images.stereo_images import StereoImages
 from vislam_ros.errors import VislamError
 

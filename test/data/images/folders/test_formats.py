@@ -5,10 +5,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import image_folders
 import numpy as np
 import pytest
-from image_folders import (
+from imagery import folders
+from imagery.folders import (
     FRAMES,
     PERIOD,
     SIZE,
@@ -25,8 +25,8 @@ from image_folders import (
     write_kitti_raw,
 )
 
-from vislam_ros.data.images import asl, kitti_odometry, kitti_raw
-from vislam_ros.data.images.sources import is_images, read_images
+from vislam_ros.data.image_sources import is_images, read_images
+from vislam_ros.data.images.folders import asl, kitti_odometry, kitti_raw
 from vislam_ros.data.images.stereo_images import StereoImages
 
 OMEGA = (0.001, -0.002, 0.003)
@@ -96,7 +96,7 @@ def test_the_body_is_the_imu_where_it_is_not_the_frame_of_the_file(tmp_path: Pat
     T_file_imu = np.array(
         [[0.0, 1.0, 0.0, 0.3], [-1.0, 0.0, 0.0, 0.2], [0.0, 0.0, 1.0, 0.1], [0.0, 0.0, 0.0, 1.0]]
     )
-    text = f"%YAML:1.0\nT_BS: {image_folders.matrix_text(T_file_imu)}\n"
+    text = f"%YAML:1.0\nT_BS: {folders.matrix_text(T_file_imu)}\n"
     (folder / "mav0" / "imu0" / "sensor.yaml").write_text(text)
     images = asl.read(folder)
     np.testing.assert_allclose(T_file_imu @ images.rig.T_body_left, T_BODY_LEFT, atol=1e-12)
@@ -144,7 +144,7 @@ def test_images_of_a_raw_drive_that_are_not_rectified_are_known_by_their_size(
     rows |= {f"D_{n}": "-0.3 0.2 0.001 0.002 -0.1" for n in ("00", "01")}
     rows |= {"R_00": "1 0 0 0 1 0 0 0 1", "T_00": "0 0 0"}
     rows |= {"R_01": "1 0 0 0 1 0 0 0 1", "T_01": "-0.1 0 0"}
-    image_folders.write_lines(tmp_path / "calib_cam_to_cam.txt", rows)
+    folders.write_lines(tmp_path / "calib_cam_to_cam.txt", rows)
     rig = kitti_raw.read(folder).rig
     assert rig.left.distortion_model == "plumb_bob"
     np.testing.assert_allclose(rig.right.D, [-0.3, 0.2, 0.001, 0.002, -0.1])

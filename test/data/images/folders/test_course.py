@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from image_folders import FRAMES, course_images, pair, write_course, write_dataset
+from imagery.folders import FRAMES, course_images, pair, write_course, write_dataset
 
-from vislam_ros.data.images.array_places import StoredArray, locate_arrays
-from vislam_ros.data.images.sources import read_images
+from vislam_ros.data.image_sources import read_images
+from vislam_ros.data.images.folders.array_places import StoredArray, locate_arrays
 from vislam_ros.errors import VislamError
 
 
@@ -61,7 +61,7 @@ def test_images_are_read_one_pair_at_a_time(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     images = [rng.integers(0, 255, (960, 1280), dtype=np.uint8) for _ in range(FRAMES)]
     path = tmp_path / "drive_imgs.npy"
-    write_images(path, {"cam_imgs_L": images, "cam_imgs_R": images[::-1]})
+    write_images(path, {"cam_imgs_L": images, "cam_imgs_R": [each.copy() for each in images]})
     del images
     read_images(path)  # what is imported for it does not count
     tracemalloc.start()
