@@ -46,7 +46,9 @@ def wall() -> Image:
     rng = np.random.default_rng(4)
     dots = rng.integers(0, 256, (HEIGHT, WIDTH + SHIFT * FRAMES + DISPARITY), dtype=np.uint8)
     smooth = cv2.GaussianBlur(dots, (0, 0), 1.5)
-    return np.asarray(cv2.normalize(smooth, np.empty_like(smooth), 0, 255, cv2.NORM_MINMAX), dtype=np.uint8)
+    return np.asarray(
+        cv2.normalize(smooth, np.empty_like(smooth), 0, 255, cv2.NORM_MINMAX), dtype=np.uint8
+    )
 
 
 def pair(k: int) -> tuple[Image, Image]:

@@ -8,7 +8,6 @@ and values alone, never on when a message happened to arrive.
 
 import time
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +17,7 @@ from vislam_ros.core.filters.flat_settings import completed
 from vislam_ros.core.filters.registry import Surroundings, estimator_named
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.motion import Increment, mean_twist
 from vislam_ros.core.noise.frame_rate import FrameRate
@@ -26,6 +26,7 @@ from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_dri
 from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.step import SlamStep
 from vislam_ros.core.tracking.pairing import PredictedPath
+from vislam_ros.core.tracking.pending_frame import PendingFrame
 from vislam_ros.core.tracking.refusals import (
     Refusal,
     RefusalCounts,
@@ -42,19 +43,6 @@ from vislam_ros.core.verdict.verdict import Verdict
 from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class _PendingFrame:
-    pass_number: int
-    stamp: int
-    ids: NDArray[np.uint32]
-    pixels: NDArray[np.float32]
-
-    @property
-    def weight(self) -> int:
-        """What it counts as among those that wait: one, and one more for each thousand points."""
-        return 1 + len(self.ids) // 1000
 
 
 class Slam:
@@ -106,6 +94,7 @@ class Slam:
         self._given_map = given_map if self._registration.needs_map else None
         self._record = record
         self._camera: StereoCamera | None = None
+        self._rectification: PixelRectification | None = None
         self.refused = RefusalCounts()
         self.resets = 0
         self.previous_map: LandmarkMap | None = None
@@ -118,7 +107,7 @@ class Slam:
         time_jumps = dict.fromkeys(streams, self._settings.time_jump)
         self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
-        self._pending: deque[_PendingFrame] = deque()
+        self._pending: deque[PendingFrame] = deque()
         self._weight = 0
         self._begin_pass(0)
 
@@ -127,6 +116,7 @@ class Slam:
         self._pass = pass_number
         self._estimator: Estimator | None = None
         self._camera_in_use: StereoCamera | None = None
+        self._rectification_in_use: PixelRectification | None = None
         smoothable = self._registration.smoothable
         self._tape = Tape() if self._record and smoothable else None
         self._verdict: Verdict | None = None
@@ -174,17 +164,25 @@ class Slam:
             self.previous_map = self.best_landmarks()
             self.previous_verdict = self.verdict()
 
-    def set_camera(self, camera: StereoCamera) -> list[SlamStep]:
+    def set_camera(
+        self, camera: StereoCamera, rectification: PixelRectification | None = None
+    ) -> list[SlamStep]:
         """Tell the calibration; features that came before it are waiting.
 
         A calibration that differs from the one in use holds from the next pass on.
+
+        Parameters
+        ----------
+        camera : StereoCamera
+        rectification : PixelRectification, optional
+            What makes the pixels those of ``camera``, where they are not.
 
         Returns
         -------
         list of SlamStep
             The steps that became ready.
         """
-        self._camera = camera
+        self._camera, self._rectification = camera, rectification
         return self._advance()
 
     def add_prediction(
@@ -242,7 +240,7 @@ class Slam:
         frame = ids[chosen], pixels[chosen]
         for number, entered, content in self._passes.enter(Stream.FEATURES, stamp, frame):
             if self._weight < self._settings.max_pending:
-                self._pending.append(_PendingFrame(number, entered, *content))
+                self._pending.append(PendingFrame(number, entered, *content))
                 self._weight += self._pending[-1].weight
             else:
                 self.refused.add(Stream.FEATURES, Refusal.QUEUE_FULL, entered)
@@ -307,7 +305,7 @@ class Slam:
         """Take the first frame out of those that wait."""
         self._weight -= self._pending.popleft().weight
 
-    def _step(self, frame: _PendingFrame, path: PredictedPath) -> SlamStep:
+    def _step(self, frame: PendingFrame, path: PredictedPath) -> SlamStep:
         begin = time.perf_counter()
         if frame.pass_number != self._pass:
             self._keep_pass()
@@ -322,11 +320,13 @@ class Slam:
         if self._estimator is None or self._verdict is None:
             assert self._camera is not None
             self._camera_in_use = self._camera
+            self._rectification_in_use = self._rectification
             self._estimator = self._new_estimator(self._camera)
             self._verdict = Verdict(self._camera)
+        ids, pixels = frame.rectified(self._rectification_in_use)
         tracked = self._tracks.observe(
-            frame.ids,
-            frame.pixels,
+            ids,
+            pixels,
             lambda: self._motion_expected(increment),
             missed=self._frames_missed(increment),
         )
@@ -334,9 +334,7 @@ class Slam:
         if self._given_map is None:
             # What contradicts a wrong estimate can mend it.
             self._tracks.restart(outcome.rejected, rest=outcome.agrees_with_most)
-        self._verdict.add(
-            frame.stamp, frame.ids, frame.pixels, increment, outcome, frozen=tracked.frozen
-        )
+        self._verdict.add(frame.stamp, ids, pixels, increment, outcome, frozen=tracked.frozen)
         if self._record:
             self._stamps.append(frame.stamp)
         self._last_stamp = frame.stamp
@@ -350,7 +348,7 @@ class Slam:
             active=self._estimator.active,
             used=outcome.used,
             rejected=len(outcome.rejected),
-            observed=len(frame.ids),
+            observed=len(ids),
             admitted=outcome.admitted,
             landmarks=self._estimator.landmark_count,
             nis=outcome.nis,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.tracking.refusals import Refusal, RefusalCounts, Stream
 from vislam_ros.core.tracking.stamp_pairs import StampPairs
 from vislam_ros.data.drive import Drive, image_size_that_holds
@@ -35,6 +36,8 @@ class GatheredPass:
         Ground truth: position (3,) and quaternion (4,).
     camera : StereoCamera or None
         The one that was known at the first frame.
+    rectification : PixelRectification or None
+        What goes with it.
     refused : RefusalCounts
     """
 
@@ -43,6 +46,7 @@ class GatheredPass:
     frames: list[Frame] = field(default_factory=list)
     poses: list[tuple[int, Array, Array]] = field(default_factory=list)
     camera: StereoCamera | None = None
+    rectification: PixelRectification | None = None
     refused: RefusalCounts = field(default_factory=RefusalCounts)
 
     def sort(self, *, imu_turns: bool) -> None:
@@ -83,22 +87,24 @@ class GatheredPass:
         first, last = self.twists[0][0], self.twists[-1][0]
         return any(first <= stamp <= last for stamp, *_ in self.frames)
 
-    def drive(
-        self, name: str, camera: StereoCamera, image_size: tuple[int, int], notes: Sequence[str]
-    ) -> Drive:
-        """Drive of a sorted pass."""
-        pixels = np.concatenate([np.empty((0, 4), np.float32), *(p for _, _, p, _ in self.frames)])
+    def drive(self, name: str, image_size: tuple[int, int], notes: Sequence[str]) -> Drive:
+        """Drive of a sorted pass whose camera is known, its pixels rectified."""
+        assert self.camera is not None
+        seen = [frame[1:] for frame in self.frames]
+        if self.rectification is not None:
+            seen = [_rectified(self.rectification, *frame) for frame in seen]
+        pixels = np.concatenate([np.empty((0, 4), np.float32), *(p for _, p, _ in seen)])
         return Drive(
             name=name,
-            camera=camera,
+            camera=self.camera,
             image_size=image_size if all(image_size) else image_size_that_holds(pixels),
             twist_stamps=_stamps(self.twists),
             twists=np.array([twist for _, twist in self.twists]).reshape(-1, 6),
             feature_stamps=_stamps(self.frames),
-            offsets=np.cumsum([0, *(len(ids) for _, ids, *_ in self.frames)], dtype=np.int64),
-            ids=np.concatenate([np.empty(0, np.uint32), *(ids for _, ids, *_ in self.frames)]),
+            offsets=np.cumsum([0, *(len(ids) for ids, *_ in seen)], dtype=np.int64),
+            ids=np.concatenate([np.empty(0, np.uint32), *(ids for ids, *_ in seen)]),
             pixels=pixels,
-            noise=_noise([stated for *_, stated in self.frames]),
+            noise=_noise([stated for *_, stated in seen]),
             ground_truth=_trajectory(self.poses) if self.poses else None,
             notes=tuple(notes),
             refused=self.refused,
@@ -115,6 +121,17 @@ def _trajectory(poses: Sequence[tuple[int, Array, Array]]) -> Trajectory:
         np.array([position for _, position, _ in poses]),
         np.array([quaternion for _, _, quaternion in poses]),
     )
+
+
+def _rectified(
+    rectification: PixelRectification,
+    ids: NDArray[np.uint32],
+    pixels: NDArray[np.float32],
+    noise: NDArray[np.float32] | None,
+) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32] | None]:
+    """Rectify a frame; the noise goes with the observations that are left."""
+    kept_ids, kept_pixels = rectification.frame(ids, pixels)
+    return kept_ids, kept_pixels, None if noise is None else noise[np.isin(ids, kept_ids)]
 
 
 def _noise(frames: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.settings import MotionSettings
 from vislam_ros.core.tracking.refusals import Refusal, RefusalCounts, RefusedMessage, Stream
 from vislam_ros.core.tracking.time_order import Passes, TimeOrder
@@ -148,6 +149,7 @@ class _Reading:
         self._topics = self._present()
         self._calibration = Calibration(rules.frames)
         self._first_camera: StereoCamera | None = None
+        self._first_rectification: PixelRectification | None = None
         self._camera_changes: list[str] = []
         self._order = Passes(
             {
@@ -217,6 +219,7 @@ class _Reading:
             for gathered, frame in self._enter(Stream.FEATURES, features):
                 if not gathered.frames:
                     gathered.camera = self._calibration.camera
+                    gathered.rectification = self._calibration.rectification
                 gathered.frames.append(frame)
         elif topic is GROUND_TRUTH:
             pose = decoding.true_pose(message)
@@ -226,7 +229,9 @@ class _Reading:
         else:
             before = self._calibration.camera
             camera = self._calibration.add(topic, message)
-            self._first_camera = self._first_camera or camera
+            if self._first_camera is None:
+                self._first_camera = camera
+                self._first_rectification = self._calibration.rectification
             if before and camera:
                 self._camera_changes.append(differences(before, camera))
 
@@ -260,7 +265,6 @@ class _Reading:
 
     def drives(self, name: str, notes: Sequence[str]) -> tuple[Drive, ...]:
         """Drives of the passes in which the motion reaches a frame, or of the first one."""
-        assert self._first_camera is not None
         changes = (
             f"The calibration changes ({change}): a pass keeps the one that it begins with."
             for change in self._camera_changes
@@ -269,11 +273,11 @@ class _Reading:
         passes = [gathered for _, gathered in sorted(self._passes.items())]
         for gathered in passes:
             gathered.sort(imu_turns=self._rules.imu_turns)
+            if gathered.camera is None:
+                gathered.camera = self._first_camera
+                gathered.rectification = self._first_rectification
         size = self._calibration.image_size
-        return tuple(
-            gathered.drive(name, gathered.camera or self._first_camera, size, notes)
-            for gathered in _with_motion(passes)
-        )
+        return tuple(gathered.drive(name, size, notes) for gathered in _with_motion(passes))
 
     def _notes_on_truth(self) -> Iterator[str]:
         for reason, count in sorted(self._faults[GROUND_TRUTH].items()):

@@ -10,10 +10,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from imagery.folders import FRAMES, course_images, pair, write_course, write_dataset
+from course_files import READINGS, save_course_file
+from imagery.folders import (
+    FRAMES,
+    STAMPS,
+    T_BODY_LEFT,
+    K,
+    course_images,
+    pair,
+    write_course,
+    write_dataset,
+)
 
+from vislam_ros.core.geometry import se3
 from vislam_ros.data.image_sources import read_images
-from vislam_ros.data.images.folders.array_places import StoredArray, locate_arrays
+from vislam_ros.data.images.folders.array_places import LocatedArray, locate_arrays
+from vislam_ros.data.trajectory import NANOSECONDS
 from vislam_ros.errors import VislamError
 
 
@@ -97,6 +109,28 @@ def test_a_missing_partner_is_noted(tmp_path: Path) -> None:
     assert "Left out 1 images without a partner." in images.notes
 
 
+@pytest.mark.parametrize("reading", ["imu-to-optical", "flu-to-imu"])
+def test_both_cameras_stand_as_the_dataset_says(reading: str, tmp_path: Path) -> None:
+    K_right = K + np.array([[2.0, 0.0, -3.0], [0.0, 1.0, 4.0], [0.0, 0.0, 0.0]])
+    T_left_right = se3.exp([0.1, 0.01, -0.005, 0.02, -0.01, 0.03])
+    stored = READINGS[reading]
+    arrays: Any = {
+        "v_t": np.zeros((FRAMES, 3)),
+        "w_t": np.zeros((FRAMES, 3)),
+        "timestamps": STAMPS / NANOSECONDS,
+        "K_l": K,
+        "K_r": K_right,
+        "extL_T_imu": stored(T_BODY_LEFT),
+        "extR_T_imu": stored(T_BODY_LEFT @ T_left_right),
+    }
+    save_course_file(tmp_path / "drive.npy", arrays)
+    images = read_images(write_images(tmp_path / "drive_imgs.npy", course_images()))
+    np.testing.assert_allclose(images.rig.left.K, K, atol=1e-9)
+    np.testing.assert_allclose(images.rig.right.K, K_right, atol=1e-9)
+    np.testing.assert_allclose(images.rig.T_left_right, T_left_right, atol=1e-9)
+    np.testing.assert_allclose(images.rig.T_body_left, T_BODY_LEFT, atol=1e-9)
+
+
 class _Evil:
     def __reduce__(self) -> Any:
         return Path.touch, (Path("touched"),)
@@ -171,7 +205,7 @@ def test_arrays_are_located_not_read() -> None:
     array = np.arange(2000, dtype=">i4").reshape(50, 40)
     stream = io.BytesIO(pickle.dumps({"a": array}, protocol=4))
     found = locate_arrays(stream, "file.npy")["a"]
-    assert isinstance(found, StoredArray)
+    assert isinstance(found, LocatedArray)
     assert (found.shape, found.dtype, found.fortran_order) == ((50, 40), array.dtype, False)
     offset, length = found.place
     assert stream.getvalue()[offset : offset + length] == array.tobytes()
