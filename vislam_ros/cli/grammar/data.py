@@ -1,11 +1,19 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The commands that make data: simulate, convert."""
+"""The commands that make data: simulate, track, convert."""
 
 from pathlib import Path
 
 from vislam_ros.cli.grammar.argument_types import number_from, whole_from
-from vislam_ros.cli.grammar.shared import Commands, add_command, add_force, add_reading
+from vislam_ros.cli.grammar.shared import (
+    Commands,
+    add_command,
+    add_force,
+    add_motion,
+    add_namespace,
+    add_reading,
+    add_remap,
+)
 
 
 def add_simulate(commands: Commands) -> None:
@@ -68,6 +76,34 @@ def add_simulate(commands: Commands) -> None:
     add_force(parser)
 
 
+def add_track(commands: Commands) -> None:
+    """Add the command that makes tracks of images."""
+    parser = add_command(
+        commands,
+        "track",
+        "track features through stereo images, for solve, run and convert",
+        """\
+  vislam track V1_01_easy tracks.npz                       EuRoC/ASL: mav0 with cam0, cam1, imu0
+  vislam track 2011_09_30_drive_0020_sync tracks.npz       KITTI raw: image_00, image_01, oxts
+  vislam track sequences/06 tracks.npz --motion 0020.npz   KITTI odometry: image_0, image_1
+  vislam track dataset00_imgs.npy tracks.npz               beside dataset00.npy
+  vislam track car_bag tracks.npz --remap imu/data:=/camera/imu
+""",
+    )
+    parser.add_argument(
+        "data",
+        metavar="IMAGES",
+        type=Path,
+        help="EuRoC/ASL or KITTI folder, course file with its _imgs.npy, or bag with images",
+    )
+    parser.add_argument("output", metavar="OUT.npz", type=Path, help="dataset of tracks to make")
+    add_motion(parser)
+    add_reading(parser)
+    add_namespace(parser, "namespace of one robot among others in a bag, such as /robot1")
+    add_remap(parser)
+    add_force(parser)
+
+
 def add_convert(commands: Commands) -> None:
     """Add the command that writes a bag."""
     parser = add_command(
@@ -79,8 +115,14 @@ def add_convert(commands: Commands) -> None:
   vislam convert 03.npz 03_bag --imu-frame flu --reference 03.tum --force
 """,
     )
-    parser.add_argument("data", metavar="DATA", type=Path, help=".npz or .npy dataset")
+    parser.add_argument(
+        "data",
+        metavar="DATA",
+        type=Path,
+        help=".npz or .npy dataset, or images as `vislam track` takes them",
+    )
     parser.add_argument("output", metavar="OUT", type=Path, help="bag directory to make")
+    add_motion(parser)
     add_reading(parser)
     parser.add_argument(
         "--reference", type=Path, metavar="REF.tum", help="becomes ground_truth/odometry"

@@ -28,11 +28,12 @@ from vislam_ros.data.bags.layout import (
     Topic,
 )
 from vislam_ros.data.bags.stereo_rig import stereo_rig
-from vislam_ros.data.images.bag_motion import RecordedMotion
-from vislam_ros.data.images.bag_topics import ImageTopics, find_topics, has_images
+from vislam_ros.data.images.bags.motion import RecordedMotion
+from vislam_ros.data.images.bags.topics import ImageTopics, find_topics, has_images
 from vislam_ros.data.images.given_motion import GivenMotion
 from vislam_ros.data.images.image_file import decoded
 from vislam_ros.data.images.pairing import half_a_period, pair_stamps, pairing_notes
+from vislam_ros.data.images.reference_poses import from_first_pose
 from vislam_ros.data.images.stereo_images import RawImage, StereoImages
 from vislam_ros.data.trajectory import NANOSECONDS
 from vislam_ros.errors import VislamError
@@ -152,6 +153,8 @@ def _images(
         raise VislamError(f"{path}: no usable message on {names}: {error}") from error
     reader = _BagReader(path, found.names, left[pairs.first], right[pairs.second])
     truth = motion.ground_truth()
+    if truth is not None:
+        truth = from_first_pose(truth.stamps, truth.T_world_body, left[pairs.first])
     return StereoImages(
         name=path.resolve().stem,
         rig=reader.sized(rig),

@@ -11,10 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import Intrinsics, PixelRectification
 from vislam_ros.core.geometry.stereo_rig import RawCamera, StereoRig
 from vislam_ros.data.files.inputs import open_input
-from vislam_ros.data.images.array_places import FEWEST_BYTES, Place, StoredArray, locate_arrays
+from vislam_ros.data.images.folders.array_places import (
+    FEWEST_BYTES,
+    LocatedArray,
+    Place,
+    locate_arrays,
+)
 from vislam_ros.data.images.given_motion import GivenMotion, with_motion
 from vislam_ros.data.images.image_file import LARGEST_IMAGE
 from vislam_ros.data.images.stereo_images import RawImage, StereoImages
@@ -70,18 +79,9 @@ def read(path: Path, given: GivenMotion | None) -> StereoImages:
     notes = []
     if len(left) != len(right):
         notes.append(f"Left out {abs(len(left) - len(right))} images without a partner.")
-    camera = given.camera
-    K = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
-    T_left_right = np.eye(4)
-    T_left_right[0, 3] = camera.baseline
     images = StereoImages(
         name=path.stem.removesuffix(_ENDING),
-        rig=StereoRig(
-            RawCamera(left.size, K, "", np.zeros(0)),
-            RawCamera(right.size, K, "", np.zeros(0)),
-            T_left_right,
-            camera.T_body_camera,
-        ),
+        rig=_rig(given.camera, given.rectification, left.size, right.size),
         stamps=np.arange(count, dtype=np.int64),
         places=range(count),
         reader=_Reader(path, left, right),
@@ -89,6 +89,33 @@ def read(path: Path, given: GivenMotion | None) -> StereoImages:
         notes=tuple(notes),
     )
     return with_motion(images, given)
+
+
+def _rig(
+    camera: StereoCamera,
+    rectification: PixelRectification | None,
+    left_size: tuple[int, int],
+    right_size: tuple[int, int],
+) -> StereoRig:
+    """Cameras as they were before pixels became those of the rectified camera."""
+    turns = (None, None) if rectification is None else (rectification.left, rectification.right)
+    rectified = Intrinsics(camera.fx, camera.fy, camera.cx, camera.cy)
+    sides: list[RawCamera] = []
+    T_rectified_raw: list[NDArray[np.float64]] = []
+    for turn, size in zip(turns, (left_size, right_size), strict=True):
+        fx, fy, cx, cy = rectified if turn is None else turn.before
+        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        sides.append(RawCamera(size, K, "", np.zeros(0)))
+        T = np.eye(4)
+        if turn is not None and turn.R_after_before is not None:
+            T[:3, :3] = np.reshape(turn.R_after_before, (3, 3))
+        T_rectified_raw.append(T)
+    T_left, T_right = T_rectified_raw
+    T_between = np.eye(4)
+    T_between[0, 3] = camera.baseline
+    left, right = sides
+    T_left_right = se3.inverse(T_left) @ T_between @ T_right
+    return StereoRig(left, right, T_left_right, camera.T_body_camera @ T_left)
 
 
 def _past_header(file: Any, path: Path) -> Any:
@@ -111,7 +138,7 @@ class _Side:
 
     def __init__(self, path: Path, name: str, content: Any):
         images = content.get(name) if isinstance(content, dict) else None
-        if isinstance(images, StoredArray):
+        if isinstance(images, LocatedArray):
             images = _unstacked(images)
         if not isinstance(images, list) or not images:
             raise VislamError(
@@ -123,7 +150,7 @@ class _Side:
                 raise VislamError(f"{path}: {name}[{k}] is no image (H, W) of uint8 as the others")
         self.shape: tuple[int, ...] = first.shape
         self.size = (self.shape[1], self.shape[0])
-        self._images: list[StoredArray] = images
+        self._images: list[LocatedArray] = images
 
     def __len__(self) -> int:
         return len(self._images)
@@ -132,8 +159,8 @@ class _Side:
         """Read an image of an open file."""
         image = self._images[place]
         file.seek(image.place.offset)
-        data = file.read(image.place.length)
-        if len(data) < image.place.length:
+        data = bytearray(image.place.length)
+        if file.readinto(data) < len(data):
             raise VislamError(f"{path}: was cut off while it was being read")
         flat = np.frombuffer(data, np.uint8)
         pixels = (
@@ -144,14 +171,14 @@ class _Side:
 
 def _is_image(image: Any) -> bool:
     return (
-        isinstance(image, StoredArray)
+        isinstance(image, LocatedArray)
         and image.dtype == np.uint8
         and (len(image.shape) == 2 or (len(image.shape) == 3 and image.shape[2] == 3))
         and 0 < image.shape[0] * image.shape[1] <= LARGEST_IMAGE
     )
 
 
-def _unstacked(stack: StoredArray) -> list[StoredArray]:
+def _unstacked(stack: LocatedArray) -> list[LocatedArray]:
     """Images of one array whose first index counts them."""
     if len(stack.shape) < 3 or stack.fortran_order or not stack.shape[0]:
         return []
@@ -159,7 +186,7 @@ def _unstacked(stack: StoredArray) -> list[StoredArray]:
     if length < FEWEST_BYTES:
         return []
     return [
-        StoredArray(stack.shape[1:], stack.dtype, False, Place(offset + k * length, length))
+        LocatedArray(stack.shape[1:], stack.dtype, False, Place(offset + k * length, length))
         for k in range(stack.shape[0])
     ]
 

@@ -20,6 +20,16 @@ _RAYS = 2
 
 
 @dataclass(frozen=True)
+class Shot:
+    """A stereo pair (H, W), the left image's depths (H, W) in metres, and the camera's pose."""
+
+    left: Grey
+    right: Grey
+    depth: NDArray[np.float32]
+    T_world_camera: Array
+
+
+@dataclass(frozen=True)
 class Rectangle:
     """A textured rectangle: its middle, its two half sides (metres) and its texture."""
 
@@ -78,8 +88,8 @@ def stereo_view(
     T_world_camera: Array,
     rng: np.random.Generator,
     noise: float = 2.0,
-) -> tuple[Grey, Grey, NDArray[np.float32]]:
-    """Left and right images (H, W) with noise (grey values), and the left depths, metres."""
+) -> Shot:
+    """Shot with noise (grey values)."""
     T_left_right = se3.pose_matrix([camera.baseline, 0, 0], [0, 0, 0, 1])
     left, depth = view(world, camera, size, T_world_camera)
     right, _ = view(world, camera, size, T_world_camera @ T_left_right)
@@ -87,7 +97,7 @@ def stereo_view(
         np.clip(np.rint(image + rng.normal(0, noise, image.shape)), 0, 255).astype(np.uint8)
         for image in (left, right)
     ]
-    return images[0], images[1], depth
+    return Shot(images[0], images[1], depth, T_world_camera)
 
 
 def _cast(

@@ -47,7 +47,7 @@ class Place(NamedTuple):
 
 
 @dataclass
-class StoredArray:
+class LocatedArray:
     """An array that stands in a file.
 
     Attributes
@@ -87,7 +87,7 @@ class _Malformed(Exception):
 
 
 def locate_arrays(stream: IO[bytes], source: str) -> Any:
-    """Plain containers of a pickle, with a :class:`StoredArray` for each of its arrays.
+    """Plain containers of a pickle, with a :class:`LocatedArray` for each of its arrays.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class _Walk:
             if opcode is None or left < 0:
                 raise _Malformed
             if opcode.name == "STOP":
-                return _opened(self._stack.pop())
+                return _opened(self._pop())
             self._do(opcode)
             if opcode.name in _BYTES and self._stack[-1].length >= FEWEST_BYTES:
                 left += _OPCODES_OF_AN_IMAGE
@@ -208,11 +208,11 @@ class _Walk:
                 "and plain containers are read from a pickle"
             )
         if name == "_reconstruct":
-            return StoredArray()
+            return LocatedArray()
         if name == "dtype":
             return _Dtype(_dtype(arguments[0]))
         data, dtype, shape, order = arguments[:4]
-        array = StoredArray()
+        array = LocatedArray()
         _fill(array, shape, dtype.dtype, order == "F", data)
         return array
 
@@ -277,7 +277,7 @@ def _build(target: Any, state: Any) -> None:
             raise _Malformed
         if order in ("<", ">"):
             target.dtype = target.dtype.newbyteorder(order)
-    elif isinstance(target, StoredArray):
+    elif isinstance(target, LocatedArray):
         shape, dtype, is_fortran, data = state[-4:]
         _fill(target, shape, dtype.dtype, bool(is_fortran), data)
     else:
@@ -285,7 +285,7 @@ def _build(target: Any, state: Any) -> None:
 
 
 def _fill(
-    target: StoredArray, shape: Any, dtype: np.dtype[Any], is_fortran: bool, data: Any
+    target: LocatedArray, shape: Any, dtype: np.dtype[Any], is_fortran: bool, data: Any
 ) -> None:
     if dtype.hasobject:
         if shape != () or len(data) != 1:
@@ -311,4 +311,5 @@ def _dtype(code: Any) -> np.dtype[Any]:
 
 def _opened(value: Any) -> Any:
     """Content of an object array of shape (), or the value itself."""
-    return value.content if isinstance(value, StoredArray) and value.content is not None else value
+    is_holder = isinstance(value, LocatedArray) and value.content is not None
+    return value.content if is_holder else value

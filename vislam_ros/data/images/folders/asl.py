@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.stereo_rig import StereoRig
 from vislam_ros.core.ranges import POSITION, TURN_RATE
-from vislam_ros.data.images.asl_sensors import (
+from vislam_ros.data.images.folders.asl_sensors import (
     CameraOnBody,
     read_camchain,
     read_camera,
     read_sensor_pose,
 )
+from vislam_ros.data.images.folders.stamped_rows import read_names, read_numbers
 from vislam_ros.data.images.image_file import FilePairs
 from vislam_ros.data.images.pairing import half_a_period, pair_stamps, pairing_notes
 from vislam_ros.data.images.reference_poses import from_first_pose
-from vislam_ros.data.images.stamped_rows import read_names, read_numbers
 from vislam_ros.data.images.stereo_images import Motion, StereoImages
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError

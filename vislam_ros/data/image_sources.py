@@ -8,10 +8,12 @@ from pathlib import Path
 from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
 from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.bags.reader import DEFAULT_RULES, ReadingRules, read_passes
+from vislam_ros.data.datasets import npz
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import format_of, read_dataset
-from vislam_ros.data.images import asl, bag, course, kitti_odometry, kitti_raw
-from vislam_ros.data.images.bag_topics import has_features
+from vislam_ros.data.images.bags import reader as bag
+from vislam_ros.data.images.bags.topics import has_features
+from vislam_ros.data.images.folders import asl, course, kitti_odometry, kitti_raw
 from vislam_ros.data.images.given_motion import GivenMotion, with_motion
 from vislam_ros.data.images.stereo_images import StereoImages
 from vislam_ros.errors import VislamError
@@ -89,7 +91,11 @@ def read_motion(
     namespace: str = "",
 ) -> GivenMotion:
     """Read the motion of a dataset or of a bag; arguments and errors as :func:`read_images`."""
-    if format_of(path):
+    dataset_format = format_of(path)
+    if dataset_format is npz:
+        drive, rectification = npz.read_with_rectification(path, conventions)
+        return GivenMotion.of_drive(drive, str(path), rectification)
+    if dataset_format:
         return GivenMotion.of_drive(read_dataset(path, conventions=conventions), str(path))
     if not is_bag(path):
         what = "is neither a dataset nor a bag" if path.exists() else "no such file or directory"

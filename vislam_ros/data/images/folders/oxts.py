@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from vislam_ros.core.ranges import POSITION, TURN_RATE, VELOCITY
 from vislam_ros.data.files.inputs import read_lines, read_text
-from vislam_ros.data.images.numbered_files import numbered_files
+from vislam_ros.data.images.folders.numbered_files import numbered_files
 from vislam_ros.data.images.stereo_images import Motion
 from vislam_ros.data.trajectory import NANOSECONDS
 from vislam_ros.errors import VislamError

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from vislam_ros.core.geometry.stereo_rig import StereoRig
 from vislam_ros.core.ranges import POSITION
 from vislam_ros.data.files.inputs import read_lines
+from vislam_ros.data.images.folders.kitti_calibration import projection, read_fields, translation
+from vislam_ros.data.images.folders.numbered_files import numbered_pairs
 from vislam_ros.data.images.image_file import FilePairs
-from vislam_ros.data.images.kitti_calibration import projection, read_fields, translation
-from vislam_ros.data.images.numbered_files import numbered_pairs
 from vislam_ros.data.images.reference_poses import from_first_pose
 from vislam_ros.data.images.stereo_images import StereoImages
 from vislam_ros.data.trajectory import LATEST_SECOND, Trajectory, nanoseconds

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.stereo_rig import RawCamera, StereoRig
 from vislam_ros.core.ranges import FOCAL_LENGTH, PRINCIPAL_POINT
-from vislam_ros.data.images.image_file import FilePairs
-from vislam_ros.data.images.kitti_calibration import (
+from vislam_ros.data.images.folders.kitti_calibration import (
     Fields,
     motion,
     numbers,
@@ -24,8 +23,9 @@ from vislam_ros.data.images.kitti_calibration import (
     rotation,
     translation,
 )
-from vislam_ros.data.images.numbered_files import numbered_files
-from vislam_ros.data.images.oxts import read_oxts, read_stamps
+from vislam_ros.data.images.folders.numbered_files import numbered_files
+from vislam_ros.data.images.folders.oxts import read_oxts, read_stamps
+from vislam_ros.data.images.image_file import FilePairs
 from vislam_ros.data.images.pairing import half_a_period, pair_stamps, pairing_notes
 from vislam_ros.data.images.reference_poses import from_first_pose
 from vislam_ros.data.images.stereo_images import StereoImages

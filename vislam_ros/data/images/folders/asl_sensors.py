@@ -39,7 +39,7 @@ _COEFFICIENTS = {
     "": (0,),
     "plumb_bob": (4, 5),
     "equidistant": (4,),
-    "rational_polynomial": (8, 12, 14),
+    "rational_polynomial": (8,),
 }
 
 

@@ -23,7 +23,7 @@ from vislam_ros.data.bags.layout import (
     Frames,
     Topic,
 )
-from vislam_ros.data.images.static_transforms import StaticTransforms
+from vislam_ros.data.images.bags.static_transforms import StaticTransforms
 from vislam_ros.data.images.stereo_images import Motion
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
