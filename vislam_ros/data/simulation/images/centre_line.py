@@ -33,7 +33,7 @@ class CentreLine:
         body_height: float,
         before: float,
         after: float,
-        spacing: float = 4.0,
+        spacing: float = 6.0,
     ) -> None:
         positions = T_world_body[:, :3, 3]
         kept = [0]

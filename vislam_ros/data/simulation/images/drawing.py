@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.compiled import compiled
 from vislam_ros.core.geometry import se3
 from vislam_ros.data.simulation.images.surfaces import Layer, SurfaceStack
 from vislam_ros.data.simulation.images.texture import Grey, Texture
@@ -19,6 +20,7 @@ _NEAR = 0.05  # metres before the camera where the view begins
 _DEPTH_RATIO = 1.5
 # A plane so near to the camera's centre is seen from its edge, metres.
 _ON_EDGE = 1e-4
+_FARTHEST = 1e-9  # inverse depth of a backdrop: beyond all else, 1/m
 
 
 class Pinhole:
@@ -32,17 +34,20 @@ class Pinhole:
         Intrinsics, in pixels whose centres are whole numbers.
     image_size : tuple of int, (2,)
         Width and height, pixels.
-    oversampling : int
+    oversampling : float
         How many small pixels lie along a pixel's side.
     """
 
-    def __init__(self, K: Array, image_size: tuple[int, int], oversampling: int = 2) -> None:
+    def __init__(self, K: Array, image_size: tuple[int, int], oversampling: float = 2.0) -> None:
         self.oversampling = oversampling
         shift = (oversampling - 1) / 2
         small = np.array([[oversampling, 0, shift], [0, oversampling, shift], [0, 0, 1.0]])
         self._K = small @ K
         self._K_inverse = np.linalg.inv(self._K)
-        self._size = (image_size[0] * oversampling, image_size[1] * oversampling)
+        self._size = (
+            math.ceil(image_size[0] * oversampling),
+            math.ceil(image_size[1] * oversampling),
+        )
         width, height = self._size
         edges = self._K_inverse @ np.array([[-1, width, width, -1], [-1, -1, height, height], [1.0] * 4])
         # Inward normals of the planes through the centre and the image's borders.
@@ -76,10 +81,15 @@ class Pinhole:
         beyond = np.any(np.all(corners @ self._borders.T < 0, axis=1), axis=1)
         seen = (distances > _ON_EDGE) & ~beyond & np.any(corners[:, :, 2] > _NEAR, axis=1)
         (rows,) = np.nonzero(seen)
+        # What is hidden by something nearer costs little if that is there already.
+        layers = surfaces.layers[rows]
+        near = np.where(layers == Layer.SOLID, corners[rows, :, 2].min(axis=1), 0.0)
+        rows = rows[np.lexsort((near, layers))]
         if len(rows) == 0:
             return canvas.picture
         texels_from_pixels = np.linalg.inv(self._K @ camera_from_texels[rows])
         inverse_depths = normals[rows] @ self._K_inverse / distances[rows, None]
+        inverse_depths[surfaces.layers[rows] == Layer.BACKDROP] = [0.0, 0.0, _FARTHEST]
         for i, H, plane in zip(rows.tolist(), texels_from_pixels, inverse_depths, strict=True):
             for piece in _pieces(corners[i]):
                 pixels = piece @ self._K.T
@@ -89,7 +99,7 @@ class Pinhole:
                     H,
                     shade=float(surfaces.shades[i]),
                     inverse_depth=plane,
-                    layer=Layer(surfaces.layers[i]),
+                    over=bool(surfaces.layers[i] == Layer.FLOOR),
                 )
         return canvas.picture
 
@@ -110,42 +120,33 @@ class _Canvas:
         *,
         shade: float,
         inverse_depth: Array,
-        layer: Layer,
+        over: bool,
     ) -> None:
-        """Paint a convex polygon (n, 2), pixels; its inverse depth (3,) is affine in them."""
-        rows, left, right = _spans(polygon, *self.picture.shape)
-        if len(left) == 0 or (right <= left).all():
-            return
-        x0, x1 = int(left.min()), int(right.max())
-        window = (rows, slice(x0, x1))
-        x = np.arange(x0, x1, dtype=np.int32)
-        inside = (x >= left[:, None]) & (x < right[:, None])
-        if layer != Layer.BACKDROP:
-            a, b, c = inverse_depth
-            y = np.arange(rows.start, rows.stop)
-            depths = (a * x).astype(np.float32) + (b * y + c).astype(np.float32)[:, None]
-            if layer == Layer.SOLID:
-                inside &= depths > self._inverse_depths[window]
-                if not inside.any():
-                    return
-            np.copyto(self._inverse_depths[window], depths, where=inside)
+        """Paint a convex polygon (n, 2), pixels, where nothing is nearer, or over everything.
 
-        middle = np.clip(polygon.mean(axis=0), [x0, rows.start], [x1, rows.stop])
+        Its inverse depth is ``inverse_depth @ (x, y, 1)``.
+        """
+        left, top, inside = _cover(polygon, inverse_depth, self._inverse_depths, over)
+        height, width = inside.shape
+        if not inside.size:
+            return
+        middle = np.clip(polygon.mean(axis=0), [left, top], [left + width, top + height])
         level = texture.nearest_level(*_footprint(texels_from_pixels, middle))
         u, v = 0.5 ** level[0], 0.5 ** level[1]
         # A texel's centre has a whole index, and lies half a texel from its border.
         index_from_texels = np.array([[u, 0, -0.5], [0, v, -0.5], [0, 0, 1]])
-        from_window = np.array([[1.0, 0, x0], [0, 1, rows.start], [0, 0, 1]])
+        from_window = np.array([[1.0, 0, left], [0, 1, top], [0, 0, 1]])
         piece = cv2.warpPerspective(
             texture.level(level),
             index_from_texels @ texels_from_pixels @ from_window,
-            (x1 - x0, rows.stop - rows.start),
+            (width, height),
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_WRAP,
         )
         if shade != 1.0:
             piece = cv2.convertScaleAbs(piece, alpha=shade)
-        np.copyto(self.picture[window], piece, where=inside)
+        window = self.picture[top : top + height, left : left + width]
+        np.copyto(window, piece, where=inside)
 
 
 def _footprint(texels_from_pixels: Array, pixel: Array) -> tuple[float, float]:
@@ -184,30 +185,50 @@ def _cut(polygon: Array, depth: float) -> tuple[Array, Array]:
     return np.array(near), np.array(far)
 
 
-def _spans(
-    polygon: Array, height: int, width: int
-) -> tuple[slice, NDArray[np.int32], NDArray[np.int32]]:
-    """Rows of a picture whose pixels' centres lie in a convex polygon, and from where to where.
+@compiled(
+    "Tuple((int64, int64, boolean[:, :]))"
+    "(float64[:, ::1], float64[::1], float32[:, ::1], boolean)"
+)
+def _cover(
+    polygon: Array, plane: Array, depths: NDArray[np.float32], over: bool
+) -> tuple[int, int, NDArray[np.bool_]]:
+    """Pixels that a convex polygon covers, and their new inverse depths.
 
-    Borders belong to one of two polygons that share them.
+    Pixels whose centres lie on a border belong to one of the two polygons that share it.
 
     Returns
     -------
-    rows : slice
-    left, right : ndarray of int32, (rows,)
-        First column of each row that is inside, and the first that is no more.
+    left, top : int
+        First column and row of the mask.
+    inside : ndarray of bool, (h, w)
+        Empty where nothing of the polygon is seen.
     """
-    top = min(max(math.ceil(polygon[:, 1].min()), 0), height)
-    bottom = max(min(math.ceil(polygon[:, 1].max()), height), top)
-    left, right = np.full(bottom - top, np.inf), np.full(bottom - top, -np.inf)
-    points = polygon.tolist()
-    for p, q in zip(points, points[1:] + points[:1], strict=True):
-        (x0, y0), (x1, y1) = (p, q) if (p[1], p[0]) < (q[1], q[0]) else (q, p)
-        begin, end = max(math.ceil(y0), top), min(math.ceil(y1), bottom)
-        if begin < end:
-            x = x0 + (np.arange(begin, end) - y0) * ((x1 - x0) / (y1 - y0))
-            rows = slice(begin - top, end - top)
-            np.minimum(left[rows], x, out=left[rows])
-            np.maximum(right[rows], x, out=right[rows])
-    bounds = np.ceil(np.clip([left, right], 0, width)).astype(np.int32)
-    return slice(top, bottom), bounds[0], bounds[1]
+    rows, columns = depths.shape
+    top = min(max(math.ceil(polygon[:, 1].min()), 0), rows)
+    bottom = max(min(math.ceil(polygon[:, 1].max()), rows), top)
+    begins, ends = np.full(bottom - top, np.inf), np.full(bottom - top, -np.inf)
+    for k in range(len(polygon)):
+        x0, y0 = polygon[k - 1]
+        x1, y1 = polygon[k]
+        if y1 < y0 or (y1 == y0 and x1 < x0):  # both sides of a border get the same numbers
+            x0, y0, x1, y1 = x1, y1, x0, y0
+        for y in range(max(math.ceil(y0), top), min(math.ceil(y1), bottom)):
+            x = x0 + (y - y0) * ((x1 - x0) / (y1 - y0))
+            begins[y - top] = min(begins[y - top], x)
+            ends[y - top] = max(ends[y - top], x)
+
+    first = min(max(math.floor(polygon[:, 0].min()), 0), columns)
+    last = max(min(math.ceil(polygon[:, 0].max()), columns), first)
+    inside = np.zeros((bottom - top, last - first), dtype=np.bool_)
+    left, right, upper, lower = last, first, bottom, top  # of what is seen
+    for y in range(top, bottom):
+        begin, end = max(np.ceil(begins[y - top]), first), min(np.ceil(ends[y - top]), last)
+        for x in range(int(begin), int(end)):
+            depth = np.float32(plane[0] * x + plane[1] * y + plane[2])
+            if over or depth > depths[y, x]:
+                inside[y - top, x - first] = True
+                left, right = min(left, x), max(right, x + 1)
+                upper, lower = min(upper, y), y + 1
+                depths[y, x] = depth
+    seen = inside[upper - top : max(lower, upper) - top, left - first : max(right, left) - first]
+    return left, upper, seen

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A raw camera: what an ideal one draws, through a lens."""
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,7 @@ Array = NDArray[np.float64]
 
 # Of the solution for the ideal point behind a distorted pixel.
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
+_LEAST_OVERSAMPLING = 1.5
 
 
 class LensView:
@@ -38,8 +41,10 @@ class LensView:
         size = np.ceil(ideal.max(axis=0)) + 2 - lowest
         K = camera.K.copy()
         K[:2, 2] -= lowest
-        self._pinhole = Pinhole(K, (int(size[0]), int(size[1])))
-        factor = self._pinhole.oversampling
+        # Four small pixels for each raw one, in all: where a lens shows its field unevenly, its
+        # corners have more of them than its middle.
+        factor = max(2 * math.sqrt(width * height / (size[0] * size[1])), _LEAST_OVERSAMPLING)
+        self._pinhole = Pinhole(K, (int(size[0]), int(size[1])), factor)
         small = (ideal - lowest + 0.5) * factor - 0.5
         maps = small.T.reshape(2, height, width).astype(np.float32)
         # In fixed point a pixel is placed to 1/32 of a small one, and found twice as fast.

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a sensor makes of light: exposure, vignetting, noise and grey levels."""
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +16,6 @@ _ELECTRONS_A_GREY = 10_000 / 255
 _READ_OUT_STD = 0.6  # grey
 # Light that is missing in the corners.
 _VIGNETTING = 0.2
-_LARGEST_GREY = 255.0
 
 
 class Sensor:
@@ -39,11 +39,11 @@ class Sensor:
         """Expose (height, width) once; what is too bright is white."""
         signal = radiance * (np.float32(exposure) * self._vignette)
         if self._noise > 0:
-            variance = signal / np.float32(_ELECTRONS_A_GREY) + np.float32(_READ_OUT_STD**2)
-            noise = rng.standard_normal(signal.shape, dtype=np.float32)
-            signal += np.float32(self._noise) * np.sqrt(variance) * noise
-        grey = np.clip(np.rint(signal), 0, _LARGEST_GREY)
-        return grey.astype(np.uint8)
+            std = np.sqrt(signal / np.float32(_ELECTRONS_A_GREY) + np.float32(_READ_OUT_STD**2))
+            std *= rng.standard_normal(signal.shape, dtype=np.float32)
+            signal += np.float32(self._noise) * std
+        # Rounds, and keeps what is too bright white.
+        return np.asarray(cv2.convertScaleAbs(np.maximum(signal, 0)), dtype=np.uint8)
 
 
 def exposures(seconds: Array, rng: np.random.Generator) -> Array:

@@ -115,6 +115,7 @@ class SimulatedImages:
     scene: Scene
     exposures: Array
     _views: tuple[LensView, LensView]
+    _sensor: Sensor
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -141,12 +142,10 @@ class SimulatedImages:
                 else:
                     sums[side] += drawn
         images = []
-        cameras = (self.rig.left, self.rig.right)
-        for side, (radiance, camera) in enumerate(zip(sums, cameras, strict=True)):
+        for side, radiance in enumerate(sums):
             rng = np.random.default_rng([self.settings.seed, k, side])
             gain = float(self.exposures[k]) * (_RIGHT_GAIN if side else 1.0) / len(begins)
-            sensor = Sensor(camera.image_size, self.settings.image_noise)
-            images.append(sensor.image(radiance, gain, rng))
+            images.append(self._sensor.image(radiance, gain, rng))
         return images[0], images[1]
 
     def frames(self) -> Iterator[tuple[int, Grey, Grey]]:
@@ -231,6 +230,7 @@ def simulate_images(
             exposures(seconds, exposure_rng) if settings.exposure_changes else np.ones(count)
         ),
         _views=(LensView(rig.left), LensView(rig.right)),
+        _sensor=Sensor(rig.left.image_size, settings.image_noise),
     )
 
 

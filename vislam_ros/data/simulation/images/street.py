@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 #: Height of the body over the road, metres.
 BODY_HEIGHT = 1.1
 
-_BEFORE, _AHEAD = 20.0, 140.0  # metres of street around the drive
+_BEFORE, _AHEAD = 20.0, 100.0  # metres of street around the drive
 _CLEAR = 7.0  # metres from any part of the way where no house stands
 _ONCOMING_SPEED = 8.0  # metres a second
 

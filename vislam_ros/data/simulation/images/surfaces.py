@@ -17,13 +17,13 @@ Array = NDArray[np.float64]
 class Layer(IntEnum):
     """What may hide what.
 
-    ``BACKDROP`` is infinitely far. Pieces of ``FLOOR`` lie over each other in the order in which
-    they are given, and a ``SOLID`` hides what is farther.
+    Pieces of ``FLOOR`` lie over each other in the order in which they are given. A ``SOLID`` hides
+    what is farther. A ``BACKDROP`` is infinitely far.
     """
 
-    BACKDROP = 0
-    FLOOR = 1
-    SOLID = 2
+    FLOOR = 0
+    SOLID = 1
+    BACKDROP = 2
 
 
 @dataclass(frozen=True)
