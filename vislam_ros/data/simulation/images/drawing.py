@@ -49,7 +49,9 @@ class Pinhole:
             math.ceil(image_size[1] * oversampling),
         )
         width, height = self._size
-        edges = self._K_inverse @ np.array([[-1, width, width, -1], [-1, -1, height, height], [1.0] * 4])
+        edges = self._K_inverse @ np.array(
+            [[-1, width, width, -1], [-1, -1, height, height], [1.0] * 4]
+        )
         # Inward normals of the planes through the centre and the image's borders.
         self._borders = np.cross(edges.T, np.roll(edges.T, -1, axis=0))
 
@@ -159,7 +161,7 @@ def _footprint(texels_from_pixels: Array, pixel: Array) -> tuple[float, float]:
 
 
 def _pieces(corners: Array) -> list[Array]:
-    """Cut a convex polygon (n, 3) in camera axes into ranges of depth, what is too near left off."""
+    """Cut a convex polygon (n, 3) in camera axes into ranges of depth, without what is too near."""
     nearest, farthest = max(float(corners[:, 2].min()), _NEAR), float(corners[:, 2].max())
     first = math.ceil(math.log(nearest / _NEAR, _DEPTH_RATIO))
     last = math.ceil(math.log(farthest / _NEAR, _DEPTH_RATIO))
@@ -175,7 +177,8 @@ def _pieces(corners: Array) -> list[Array]:
 
 def _cut(polygon: Array, depth: float) -> tuple[Array, Array]:
     """Both parts of a convex polygon (n, 3), nearer than a depth and farther."""
-    near, far = [], []
+    near: list[Array] = []
+    far: list[Array] = []
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         (far if a[2] >= depth else near).append(a)
         if (a[2] >= depth) != (b[2] >= depth):
@@ -186,8 +189,7 @@ def _cut(polygon: Array, depth: float) -> tuple[Array, Array]:
 
 
 @compiled(
-    "Tuple((int64, int64, boolean[:, :]))"
-    "(float64[:, ::1], float64[::1], float32[:, ::1], boolean)"
+    "Tuple((int64, int64, boolean[:, :]))(float64[:, ::1], float64[::1], float32[:, ::1], boolean)"
 )
 def _cover(
     polygon: Array, plane: Array, depths: NDArray[np.float32], over: bool

@@ -54,7 +54,11 @@ class LensView:
         """Draw the raw image (height, width) without noise; see :meth:`Pinhole.draw`."""
         small = self._pinhole.draw(T_world_camera, surfaces, empty)
         picture = cv2.remap(
-            small, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            small,
+            self._maps[0],
+            self._maps[1],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
         )
         return np.asarray(picture, dtype=np.uint8)
 

@@ -37,9 +37,9 @@ def room(T_world_body: Array, *, moving: int, rng: np.random.Generator) -> Scene
     rng : Generator
     """
     positions = T_world_body[:, :3, 3]
-    low = positions.min(axis=0) - [_MARGIN, _MARGIN, _BELOW]
-    high = positions.max(axis=0) + [_MARGIN, _MARGIN, _ABOVE]
-    surfaces = [*_shell(low, high, rng)]
+    low = positions.min(axis=0) - np.array([_MARGIN, _MARGIN, _BELOW])
+    high = positions.max(axis=0) + np.array([_MARGIN, _MARGIN, _ABOVE])
+    surfaces = _shell(low, high, rng)
     for k in range(4):
         surfaces += _along_wall(k, low, high, rng)
     objects = tuple(_sliding_box(k, low, high, rng) for k in range(moving))

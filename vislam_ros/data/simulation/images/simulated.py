@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 _FIRST_STAMP = 1_700_000_000 * NANOSECONDS
 _KNOT_PERIOD = 0.05  # seconds between the poses that a simulated motion goes through
-_ACCELEROMETER_NOISE_DENSITY = 2e-3  # m/s^2/sqrt(Hz), as of a small MEMS sensor
+ACCELEROMETER_NOISE_DENSITY = 2e-3  # m/s^2/sqrt(Hz), as of a small MEMS sensor
 # A blurred image is the mean of so many that none moves by more than about a pixel to the next.
 _MOST_EXPOSED = 12
 # How much brighter the right image is: two sensors of a kind differ by a few per cent.
@@ -221,7 +221,7 @@ def simulate_images(
             motion,
             gyro_noise_density=settings.gyro_noise_density,
             gyro_bias=settings.gyro_bias,
-            accelerometer_noise_density=_ACCELEROMETER_NOISE_DENSITY,
+            accelerometer_noise_density=ACCELEROMETER_NOISE_DENSITY,
             rng=imu_rng,
         ),
         twists=_twists(stamps, T_world_body, settings, twist_rng),
@@ -236,7 +236,7 @@ def simulate_images(
 
 def _motion(settings: ImageSettings, rng: np.random.Generator) -> SmoothMotion:
     knots = int(np.ceil(settings.seconds / _KNOT_PERIOD)) + 2
-    seconds = _KNOT_PERIOD * np.arange(knots)
+    seconds = _KNOT_PERIOD * np.arange(knots, dtype=np.float64)
     if settings.scene == "street":
         T_world_body = drive_poses(knots, _KNOT_PERIOD, rng)
     else:

@@ -28,9 +28,7 @@ _CLEAR = 7.0  # metres from any part of the way where no house stands
 _ONCOMING_SPEED = 8.0  # metres a second
 
 
-def street(
-    T_world_body: Array, seconds: Array, *, moving: int, rng: np.random.Generator
-) -> Scene:
+def street(T_world_body: Array, seconds: Array, *, moving: int, rng: np.random.Generator) -> Scene:
     """Build a street along a drive.
 
     Parameters
@@ -68,7 +66,9 @@ def _backdrop(rng: np.random.Generator) -> list[Surface]:
         top_left = [*corners[0], textures.BACKDROP_HIGH * radius]
         right, down = [*(corners[1] - corners[0]), 0.0], [0.0, 0.0, -height]
         start = (k * width, 0.0)
-        surfaces.append(rectangle(texture, top_left, right, down, start=start, layer=Layer.BACKDROP))
+        surfaces.append(
+            rectangle(texture, top_left, right, down, start=start, layer=Layer.BACKDROP)
+        )
     return surfaces
 
 
@@ -76,16 +76,17 @@ def _road(line: CentreLine, texture: Texture) -> list[Surface]:
     """Strips of road from point to point, the farthest first."""
     per_metre = texture.per_metre
     right, left = -float(textures.ROAD_RIGHT), float(textures.ROAD_LEFT)
-    strips = []
+    strips: list[Surface] = []
     for a, b in zip(line.ways[:-1], line.ways[1:], strict=True):
         corners = line.place(np.array([a, b, b, a]), np.array([left, left, right, right]))
-        # The way is taken from a whole period on, for texels far off have few digits.
         start = a % textures.ROAD_PERIOD
         u = np.array([start, start + b - a, start + b - a, start]) * per_metre
         v = np.array([0.0, 0.0, left - right, left - right]) * per_metre
         texels = np.column_stack([u, v])
-        for rows in ([0, 1, 2], [0, 2, 3]):
-            strips.append(triangle(texture, corners[rows], texels[rows], layer=Layer.FLOOR))
+        strips += [
+            triangle(texture, corners[rows], texels[rows], layer=Layer.FLOOR)
+            for rows in ([0, 1, 2], [0, 2, 3])
+        ]
     return strips[::-1]
 
 
@@ -143,9 +144,7 @@ def _wall(
     # The foot of the picture stands on the ground, and its top is cut where the wall is lower.
     start = (0.0, texture.size[1] - height * texture.per_metre)
     return [
-        rectangle(
-            texture, top_left, (right - left) * [1, 1, 0], down, start=start, shade=shade
-        )
+        rectangle(texture, top_left, (right - left) * [1, 1, 0], down, start=start, shade=shade)
     ]
 
 
@@ -158,7 +157,9 @@ def _posts(line: CentreLine, side: int, rng: np.random.Generator) -> list[Surfac
         if rng.random() < 0.6:
             lift = np.eye(4)
             lift[:3, 3] = [-0.12, 0.0, rng.uniform(2.0, 2.6)]
-            surfaces += box([metal, metal, textures.sign(rng), metal], T @ lift, (0.04, 0.64, 0.64))
+            surfaces += box(
+                [metal, metal, textures.sign(rng), metal], T @ lift, (0.04, 0.64, 0.64)
+            )
     return surfaces
 
 

@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Textures of a street: the road, fronts of houses, walls, cars, and what stands on the horizon."""
+"""Textures of a street: the road, fronts of houses, walls, cars, and the horizon."""
 
 from collections.abc import Callable
 
@@ -63,7 +63,7 @@ def road(rng: np.random.Generator) -> Texture:
         slabs = bricks((last - first, width), (32, 48), rng, grey=138, spread=9)
         canvas[first:last] = slabs + 5 * fractal((height, width), 64, rng)[first:last]
         fill(canvas, 0, row(kerb) - 6, width, 12, 178)
-        canvas[round(row(kerb)) - 6 : round(row(kerb)) + 6, :: PER_METRE] = 90
+        canvas[round(row(kerb)) - 6 : round(row(kerb)) + 6, ::PER_METRE] = 90
     return Texture(canvas, PER_METRE)
 
 
@@ -227,7 +227,7 @@ def backdrop(rng: np.random.Generator) -> Texture:
         ridge = base + rough * fractal((256, width), 256, rng, persistence=0.45)[0]
         land = y > horizon - ridge
         canvas = np.where(land, grey + 4 * clouds, canvas)
-    canvas = canvas.astype(np.float32)
+    canvas = np.asarray(canvas, dtype=np.float32)
     for _ in range(60):
         x, wide, high = rng.uniform(0, width), rng.uniform(16, 50), rng.uniform(40, 150)
         grey = rng.uniform(95, 150)
