@@ -161,7 +161,7 @@ def _footprint(texels_from_pixels: Array, pixel: Array) -> tuple[float, float]:
 
 
 def _pieces(corners: Array) -> list[Array]:
-    """Cut a convex polygon (n, 3) in camera axes into ranges of depth, without what is too near."""
+    """Cut a convex polygon (n, 3), camera axes, into ranges of depth, without what is too near."""
     nearest, farthest = max(float(corners[:, 2].min()), _NEAR), float(corners[:, 2].max())
     first = math.ceil(math.log(nearest / _NEAR, _DEPTH_RATIO))
     last = math.ceil(math.log(farthest / _NEAR, _DEPTH_RATIO))

@@ -91,7 +91,7 @@ def _road(line: CentreLine, texture: Texture) -> list[Surface]:
 
 
 def _houses(line: CentreLine, side: int, rng: np.random.Generator) -> list[Surface]:
-    fronts = [textures.front(rng) for _ in range(5)]
+    fronts = [textures.front(rng) for _ in range(4)]
     gable, low = textures.gable(rng), [textures.hedge(rng), textures.fence(rng)]
     edge = float(textures.ROAD_LEFT if side > 0 else textures.ROAD_RIGHT)
     surfaces: list[Surface] = []

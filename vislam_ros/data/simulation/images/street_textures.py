@@ -21,7 +21,7 @@ PER_METRE = 64
 
 #: The road's texture goes on for so long before it repeats, and reaches so far to the right and to
 #: the left of the line that the car follows, metres.
-ROAD_PERIOD, ROAD_RIGHT, ROAD_LEFT = 96, 9, 11
+ROAD_PERIOD, ROAD_RIGHT, ROAD_LEFT = 48, 9, 11
 #: Kerbs, from that line to the left, metres.
 KERBS = (-4.5, 7.3)
 
@@ -42,16 +42,16 @@ def road(rng: np.random.Generator) -> Texture:
         return (ROAD_LEFT - left) * PER_METRE
 
     canvas = 92 + 9 * fractal((height, width), 256, rng) + 6 * fractal((height, width), 2, rng)
-    for _ in range(45):
+    for _ in range(24):
         x, y = rng.uniform(0, width), rng.uniform(row(KERBS[1]), row(KERBS[0]))
         length, across, grey = rng.uniform(0.5, 5), rng.uniform(0.3, 1.6), rng.normal(0, 16)
         rows = slice(round(y), round(y + across * PER_METRE))
         canvas[rows, round(x) : round(x + length * PER_METRE)] += grey
-    for _ in range(70):
+    for _ in range(36):
         steps = rng.normal(0, 1, (rng.integers(6, 30), 2)) * 10 + rng.normal(0, 8, 2)
         line = np.cumsum(steps, axis=0) + rng.uniform(0, 1, 2) * [width, height]
         cv2.polylines(canvas, [np.rint(line).astype(np.int32)], False, 52.0, 2, cv2.LINE_AA)
-    for _ in range(14):
+    for _ in range(7):
         centre = (int(rng.uniform(64, width - 64)), int(row(rng.uniform(-3, 6))))
         cv2.circle(canvas, centre, 20, 60.0, -1, cv2.LINE_AA)
         cv2.circle(canvas, centre, 20, 130.0, 2, cv2.LINE_AA)
@@ -69,18 +69,18 @@ def road(rng: np.random.Generator) -> Texture:
 
 def _marks(canvas: Field, row: Callable[[float], float]) -> None:
     width = canvas.shape[1]
-    white = np.zeros_like(canvas)
+    white = np.zeros(canvas.shape, dtype=np.bool_)
     for line in _LANE_LINES:
-        fill(white, 0, row(line) - 4, width, 8, 1)
+        fill(white, 0, row(line) - 4, width, 8, True)
     for x in range(0, width, 6 * PER_METRE):
-        fill(white, x, row(_MIDDLE_LINE) - 4, 3 * PER_METRE, 8, 1)
+        fill(white, x, row(_MIDDLE_LINE) - 4, 3 * PER_METRE, 8, True)
     for k in range(11):
-        fill(white, 30 * PER_METRE, row(5.0) + k * 40, 3 * PER_METRE, 22, 1)
-    for x in range(40 * PER_METRE, width, 6 * PER_METRE):
-        fill(white, x, row(KERBS[1]), 6, 2 * PER_METRE, 1)
+        fill(white, 30 * PER_METRE, row(5.0) + k * 40, 3 * PER_METRE, 22, True)
+    for x in range(0, 24 * PER_METRE, 6 * PER_METRE):
+        fill(white, x, row(KERBS[1]), 6, 2 * PER_METRE, True)
     # Marks are worn where the asphalt is rough.
-    worn = np.clip((canvas - 70) / 25, 0, 1)
-    canvas += white * worn * (215 - canvas)
+    under = canvas[white]
+    canvas[white] += np.clip((under - 70) / 25, 0, 1) * (215 - under)
 
 
 def front(rng: np.random.Generator) -> Texture:
@@ -139,7 +139,7 @@ def _window(
 def _soil(canvas: Field, rng: np.random.Generator) -> None:
     """Darken a wall toward its foot, and in streaks."""
     height, width = canvas.shape
-    streaks = fractal((height, width), 64, rng)[:1]
+    streaks = fractal((64, width), 64, rng)[:1]
     down = np.linspace(0, 1, height, dtype=np.float32)[:, None]
     canvas *= 1 - 0.15 * down * (1 + 0.5 * np.clip(streaks, -1, 1))
 
@@ -222,12 +222,12 @@ def backdrop(rng: np.random.Generator) -> Texture:
     horizon = int(BACKDROP_HIGH * BACKDROP_PER_UNIT)
     y = np.arange(height)[:, None]
     clouds = fractal((1024, width), 128, rng, persistence=0.5)[:height]
-    canvas = SKY_GREY + np.clip(14 * clouds * np.linspace(1, 0.4, height)[:, None], -20, 30)
+    thinner = np.linspace(14, 6, height, dtype=np.float32)[:, None]
+    canvas: Field = SKY_GREY + np.clip(clouds * thinner, -20, 30)
     for base, rough, grey in ((90, 30, 165.0), (45, 16, 135.0)):
         ridge = base + rough * fractal((256, width), 256, rng, persistence=0.45)[0]
         land = y > horizon - ridge
-        canvas = np.where(land, grey + 4 * clouds, canvas)
-    canvas = np.asarray(canvas, dtype=np.float32)
+        canvas[land] = grey + 4 * clouds[land]
     for _ in range(60):
         x, wide, high = rng.uniform(0, width), rng.uniform(16, 50), rng.uniform(40, 150)
         grey = rng.uniform(95, 150)

@@ -78,25 +78,24 @@ def fractal(
     persistence : float
     """
     height, width = shape
-    total = np.zeros(shape, dtype=np.float32)
-    cell, amplitude, power = coarsest, 1.0, 0.0
-    while cell >= 1:
-        grid = rng.standard_normal((height // cell, width // cell), dtype=np.float32)
-        total += np.float32(amplitude) * _enlarged(grid, cell)
-        power += amplitude**2
+    total = rng.standard_normal((height // coarsest, width // coarsest), dtype=np.float32)
+    amplitude, power, cell = 1.0, 1.0, coarsest
+    while cell > 1:
         cell, amplitude = cell // 2, amplitude * persistence
-    return total / np.float32(np.sqrt(power))
+        total = _doubled(total)
+        total += np.float32(amplitude) * rng.standard_normal(total.shape, dtype=np.float32)
+        power += amplitude**2
+    total /= np.float32(np.sqrt(power))
+    return total
 
 
-def _enlarged(grid: Field, factor: int) -> Field:
-    """Cubic interpolation of a grid that goes on with its other end."""
-    if factor == 1:
-        return grid
+def _doubled(grid: Field) -> Field:
+    """Twice as large, by cubic interpolation of a grid that goes on with its other end."""
     edge = 2
     wide = np.pad(grid, edge, mode="wrap")
-    size = (wide.shape[1] * factor, wide.shape[0] * factor)
+    size = (wide.shape[1] * 2, wide.shape[0] * 2)
     large = np.asarray(cv2.resize(wide, size, interpolation=cv2.INTER_CUBIC), dtype=np.float32)
-    return large[edge * factor : -edge * factor, edge * factor : -edge * factor]
+    return large[2 * edge : -2 * edge, 2 * edge : -2 * edge]
 
 
 def bricks(
@@ -124,7 +123,9 @@ def stripes(shape: tuple[int, int], pitch: int, width: int, dark: float, light: 
     return np.tile(row.astype(np.float32), (shape[0], 1))
 
 
-def fill(canvas: Field, x: float, y: float, width: float, height: float, grey: float) -> None:
+def fill(
+    canvas: Field | NDArray[np.bool_], x: float, y: float, width: float, height: float, grey: float
+) -> None:
     """Paint a rectangle, all in texels."""
     x0, y0 = max(round(x), 0), max(round(y), 0)
     canvas[y0 : max(round(y + height), 0), x0 : max(round(x + width), 0)] = grey
