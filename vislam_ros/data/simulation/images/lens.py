@@ -18,13 +18,16 @@ Array = NDArray[np.float64]
 # Of the solution for the ideal point behind a distorted pixel.
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
 _LEAST_OVERSAMPLING = 1.5
+# How a point is spread by a sharp lens and the width of a pixel, standard deviation, pixels. What
+# is sharper than half a pixel stands at another place in each image that samples it.
+_POINT_SPREAD = 0.5
 
 
 class LensView:
     """Draws the raw images of a camera.
 
     An ideal camera draws a field that holds all that the lens sees, in small pixels, and each raw
-    pixel takes the mean of those around the point that its centre sees.
+    pixel takes a mean of those around the point that its centre sees.
 
     Parameters
     ----------
@@ -53,8 +56,9 @@ class LensView:
     def draw(self, T_world_camera: Array, surfaces: SurfaceStack, empty: int = 0) -> Grey:
         """Draw the raw image (height, width) without noise; see :meth:`Pinhole.draw`."""
         small = self._pinhole.draw(T_world_camera, surfaces, empty)
+        spread = _POINT_SPREAD * self._pinhole.oversampling
         picture = cv2.remap(
-            small,
+            cv2.GaussianBlur(small, (0, 0), spread, borderType=cv2.BORDER_REPLICATE),
             self._maps[0],
             self._maps[1],
             cv2.INTER_LINEAR,
