@@ -6,6 +6,7 @@ from pathlib import Path
 
 from vislam_ros.cli.grammar.argument_types import number_from, whole_from
 from vislam_ros.cli.grammar.shared import (
+    SCENES,
     Commands,
     add_command,
     add_force,
@@ -21,14 +22,21 @@ def add_simulate(commands: Commands) -> None:
     parser = add_command(
         commands,
         "simulate",
-        "write a simulated drive with exact ground truth beside it",
+        "write a simulated drive with exact ground truth beside it, as tracks or as stereo images",
         """\
   vislam simulate drive.npz
   vislam simulate hard.npz --steps 500 --outliers 0.05 --frozen 0.1 --gyro-bias -0.01 -0.01 -0.01
   vislam simulate again.npz --along reference.tum --landmarks 4000
+  vislam simulate city --images --seconds 10 --exposure --blur 0.01
+  vislam simulate hall --images --scene room --rectified --moving 0
 """,
     )
-    parser.add_argument("output", metavar="OUT.npz", type=Path, help="OUT.tum is written, too")
+    parser.add_argument(
+        "output",
+        metavar="OUT",
+        type=Path,
+        help="OUT.npz, beside which OUT.tum is written; with --images a folder",
+    )
     parser.add_argument(
         "--along",
         type=Path,
@@ -36,6 +44,28 @@ def add_simulate(commands: Commands) -> None:
         help="drive along these poses of a body (x forward), at their times, to their end",
     )
     # What is not given is left to the simulation's own defaults, which the texts repeat.
+    flags = {"scene": "--scene"}
+    images = parser.add_argument_group(
+        "stereo images", "an EuRoC/ASL folder with images, IMU and truth, in place of tracks"
+    )
+    images.add_argument("--images", action="store_true", help="draw images")
+    images.add_argument(
+        "--scene", choices=SCENES, help="a drive along a street, or a flight in a room (street)"
+    )
+    for flag, name, kind, metavar, text in (
+        ("--seconds", "seconds", number_from(0.1), "S", "duration, as far as --along goes (20)"),
+        ("--rate", "rate", number_from(0.5, 200), "HZ", "stereo frames a second (20)"),
+        ("--moving", "moving_objects", whole_from(0), "N", "cars or boxes that move (3)"),
+        ("--blur", "exposure_time", number_from(0, 0.1), "S", "exposure time of an image (0)"),
+    ):
+        images.add_argument(flag, dest=name, type=kind, metavar=metavar, help=text)
+        flags[name] = flag
+    for flag, name, text in (
+        ("--exposure", "exposure_changes", "let the exposure wander, and err for a while"),
+        ("--rectified", "rectified", "draw without lenses, by two parallel cameras"),
+    ):
+        images.add_argument(flag, dest=name, action="store_true", default=None, help=text)
+        flags[name] = flag
     for flag, name, kind, metavar, text in (
         ("--steps", "steps", whole_from(2), "N", "feature frames, ten a second (600)"),
         ("--landmarks", "landmarks", whole_from(1), "N", "tracks in the whole drive (3000)"),
@@ -66,6 +96,7 @@ def add_simulate(commands: Commands) -> None:
         ("--seed", "seed", whole_from(0), "N", "of everything random (0)"),
     ):
         parser.add_argument(flag, dest=name, type=kind, metavar=metavar, help=text)
+        flags[name] = flag
     parser.add_argument(
         "--gyro-bias",
         type=number_from(),
@@ -74,6 +105,7 @@ def add_simulate(commands: Commands) -> None:
         help="constant error of the angular velocity, rad/s (0.002 0.002 0.002)",
     )
     add_force(parser)
+    parser.set_defaults(flags=flags)
 
 
 def add_track(commands: Commands) -> None:

@@ -10,7 +10,9 @@ from vislam_ros.cli.grammar.argument_types import number_from, remapping
 from vislam_ros.nodes.player.options import PlayOptions
 
 PLAY = PlayOptions()
-# As in vislam_ros.data.datasets.conventions, which takes longer to import than --help should.
+# As in vislam_ros.data.simulation.images, and vislam_ros.data.datasets.conventions, which take
+# longer to import than --help should.
+SCENES = ("street", "room")
 IMU_FRAMES = ("auto", "flu", "frd", "as-given")
 TWIST_INDICES = ("auto", "end", "start")
 TWIST_ORIGINS = ("auto", "body", "imu")
