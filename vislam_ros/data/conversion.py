@@ -14,7 +14,8 @@ from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.trajectory import Trajectory, read_tum
+from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.errors import VislamError
 
 _LOADING_SHARE = 0.8
@@ -78,8 +79,8 @@ def convert(
 
 
 def _clipped(reference: Path, drive: Drive) -> Trajectory:
-    """Poses of a TUM file in a drive's span of time."""
-    truth = read_tum(reference)
+    """Poses of a reference in a drive's span of time."""
+    truth = read_trajectory(reference)
     first, last = drive.feature_stamps[0], drive.feature_stamps[-1]
     inside = (truth.stamps >= first) & (truth.stamps <= last)
     if not inside.any():

@@ -10,7 +10,7 @@ from vislam_ros.cli.lines import answer
 from vislam_ros.core.settings import settings_from_dict
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
-from vislam_ros.data.trajectory import read_tum
+from vislam_ros.data.trajectory_files import read_trajectory
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -18,7 +18,7 @@ def run(arguments: argparse.Namespace) -> int:
     names = [field.name for field in dataclasses.fields(SimulationSettings)]
     given = {name: getattr(arguments, name) for name in names}
     values = {name: value for name, value in given.items() if value is not None}
-    along = read_tum(arguments.along) if arguments.along else None
+    along = read_trajectory(arguments.along) if arguments.along else None
     if along is not None:
         values.setdefault("steps", len(along))
     simulated = simulate(settings_from_dict(SimulationSettings, values), along)
