@@ -20,7 +20,8 @@ from vislam_ros.data.drive import Drive
 from vislam_ros.data.image_sources import is_images
 from vislam_ros.data.images.bags import reader as bag
 from vislam_ros.data.loading import load_images
-from vislam_ros.data.trajectory import Trajectory, read_tum
+from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.errors import VislamError
 
 _LOADING_SHARE = 0.8
@@ -106,8 +107,8 @@ def convert(
 
 
 def _clipped(reference: Path, drive: Drive) -> Trajectory:
-    """Poses of a TUM file in a drive's span of time."""
-    truth = read_tum(reference)
+    """Poses of a reference in a drive's span of time."""
+    truth = read_trajectory(reference)
     first, last = drive.feature_stamps[0], drive.feature_stamps[-1]
     inside = (truth.stamps >= first) & (truth.stamps <= last)
     if not inside.any():

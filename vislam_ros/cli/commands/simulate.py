@@ -15,13 +15,14 @@ from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.images.folder import TRUTH, write_image_folder
 from vislam_ros.data.simulation.images.simulated import ImageSettings, simulate_images
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
-from vislam_ros.data.trajectory import Trajectory, read_tum
+from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.errors import VislamError
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
-    along = read_tum(arguments.along) if arguments.along else None
+    along = read_trajectory(arguments.along) if arguments.along else None
     of_tracks, of_images = _names(SimulationSettings), _names(ImageSettings)
     if arguments.images:
         _refuse(arguments, of_tracks - of_images, "is of tracks: leave it or --images out")

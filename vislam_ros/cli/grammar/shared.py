@@ -17,6 +17,10 @@ IMU_FRAMES = ("auto", "flu", "frd", "as-given")
 TWIST_INDICES = ("auto", "end", "start")
 TWIST_ORIGINS = ("auto", "body", "imu")
 EXTRINSICS = ("auto", "imu-to-optical", "flu-to-imu", "optical-to-imu", "imu-to-flu")
+# Likewise of vislam_ros.data.evaluation and of vislam_ros.data.trajectory_files.
+ALIGNMENTS = ("se3", "yaw", "none")
+MAX_DIFFERENCE = 0.01
+FILE_FORMATS = ("tum", "euroc", "kitti")
 
 RETURNS = """\
 exit code: 0 on success, 1 on an error (one line on stderr; -v shows where it came from), 2 on
