@@ -34,6 +34,7 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
+from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import Warp
 from vislam_ros.core.motion import FIRST_TWIST_STD
 from vislam_ros.core.operations.transition import Transition
@@ -69,6 +70,20 @@ def walk_densities(settings: RobocentricSettings) -> Array:
     densities = np.zeros(SIZE)
     densities[GYRO_BIAS] = settings.gyro_bias_walk_std**2
     return densities
+
+
+def motion_priors(settings: RobocentricSettings) -> tuple[Array, Array]:
+    """Noise (6,) of a measured twist and random walk (6,) of the twist, standard deviations."""
+    noise = [settings.velocity_noise_std, settings.angular_velocity_noise_std]
+    walk = [settings.velocity_walk_std, settings.angular_velocity_walk_std]
+    return np.repeat(noise, 3), np.repeat(walk, 3)
+
+
+def track_priors(
+    settings: RobocentricSettings, observation: StereoObservation
+) -> tuple[Array, float]:
+    """Variances (3,) of image points, and the standard deviation of a disparity's offset."""
+    return observation.image_point_noise.diagonal().copy(), settings.disparity_offset_std
 
 
 def twist_error(measured: Array, twist: Array, gyro_bias: Array) -> Array:

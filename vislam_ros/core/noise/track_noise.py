@@ -114,6 +114,13 @@ class TrackNoise:
         self._last_error: Array = np.empty(0)
         self.level = 1.0
 
+    def tell(self, variances: Array, offset_std: float, *, learns: bool) -> None:
+        """Go on with other priors; variances that are new count as they are told, at level 1."""
+        if np.any(variances != self._variances):
+            self._variances, self.level = variances, 1.0
+        self._offset_variance = offset_std**2
+        self._learns = learns
+
     @property
     def has_offsets(self) -> bool:
         """Whether disparities keep an offset for the life of their track."""
