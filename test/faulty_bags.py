@@ -173,8 +173,10 @@ FAULTS: dict[str, tuple[Change, dict[str, int]]] = {
         for name, (action, word) in BAD_STAMPS.items()
     },
     "the right camera is off by a rounding": (edit(RIGHT_CAMERA, 0, put_p(2, 1e-9)), {}),
+    "the right camera has other intrinsics": (edit(RIGHT_CAMERA, 0, put_p(2, 3.0)), {}),
+    "the right camera stands higher": (edit(RIGHT_CAMERA, 0, put_p(7, 20.0)), {}),
     "a camera info that is no pair": (
-        followed_by(RIGHT_CAMERA, put_p(0, 1.0)),
+        followed_by(RIGHT_CAMERA, put_p(3, 1e6)),
         {"camera_info_not_a_pair": 1},
     ),
     "a camera info that is not finite": (
@@ -227,8 +229,8 @@ HOPELESS: dict[str, tuple[Change, list[str]]] = {
         ["no usable message on /imu/twist: its bytes are no message"],
     ),
     "the cameras are no pair": (
-        edit(RIGHT_CAMERA, 0, put_p(0, 1.0)),
-        ["/stereo/right/camera_info", "field p differs"],
+        edit(RIGHT_CAMERA, 0, put_p(7, 1e6)),
+        ["/stereo/right/camera_info", "field p: the right camera lies at"],
     ),
     "the extrinsics are no rotation": (
         edit(EXTRINSICS, 0, spoil_rotation),

@@ -109,7 +109,9 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=_SIMULATION.steps, help="to simulate")
     parser.add_argument("--jobs", type=int, default=available_cores(), help="processes")
     parser.add_argument("--force", action="store_true", help="replace figures that exist")
-    parser.set_defaults(imu_frame="auto", twist_index="auto", twist_origin="auto")
+    parser.set_defaults(
+        imu_frame="auto", twist_index="auto", twist_origin="auto", extrinsics="auto"
+    )
     try:
         reproduce(parser.parse_args())
     except VislamError as error:

@@ -11,6 +11,7 @@ from vislam_ros.cli.grammar import shared
 from vislam_ros.cli.main import main
 from vislam_ros.cli.parser import build_parser
 from vislam_ros.data.datasets import conventions
+from vislam_ros.data.datasets.extrinsics import READINGS
 from vislam_ros.data.simulation.simulate import SimulationSettings
 from vislam_ros.nodes.player.options import PlayOptions
 
@@ -85,6 +86,7 @@ def test_choices_of_reading_are_those_of_the_reader():
     assert shared.IMU_FRAMES == conventions.IMU_FRAMES
     assert shared.TWIST_INDICES == conventions.TWIST_INDICES
     assert shared.TWIST_ORIGINS == conventions.TWIST_ORIGINS
+    assert shared.EXTRINSICS == conventions.EXTRINSICS == ("auto", *READINGS)
 
 
 def test_loop_and_clock_need_no_number():

@@ -78,6 +78,7 @@ def test_a_dataset_and_its_bag_are_the_same_drive(dataset, tmp_path):
         "imu_frame": "as-given",
         "twist_index": "end",
         "twist_origin": "body",
+        "extrinsics": "auto",
     }
 
 

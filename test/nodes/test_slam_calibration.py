@@ -26,7 +26,7 @@ def node(make_node):
 def test_a_camera_that_is_no_pair_is_refused_and_a_right_one_taken(node, capture, drive):
     published = capture(node)
     good = copy.deepcopy(drive.right)
-    drive.right.p[0] += 1.0
+    drive.right.p[3] = 0.0
     for topic, message in drive.calibration:
         send(node, topic, message)
     for k in range(2):

@@ -212,7 +212,7 @@ def _faults_of_calibration() -> Iterator[Fault]:
         yield fault(kind, one(LEFT_CAMERA, _put_p(0, value)), "camera_info_non_finite")
     yield fault("1e30", one(LEFT_CAMERA, _put_p(0, 1e30)), "camera_info_absurd")
     yield fault("a focal length of zero", one(LEFT_CAMERA, _put_p(0, 0.0)), _NO_PAIR)
-    yield fault("left and right differ", one(RIGHT_CAMERA, _put_p(2, 7.0)), _NO_PAIR)
+    yield fault("no baseline", one(RIGHT_CAMERA, _put_p(3, 0.0)), _NO_PAIR)
     yield fault("another frame", one(EXTRINSICS, _OTHER_FRAME[0]), "extrinsics_unknown_frame")
     turned = _put("transform.rotation.w", 9.0)
     yield fault("no rotation", one(EXTRINSICS, turned), "extrinsics_not_a_rotation")

@@ -38,7 +38,9 @@ def use_format(arguments: argparse.Namespace) -> None:
 
 def conventions(arguments: argparse.Namespace) -> Conventions:
     """What the arguments say of the meaning of a dataset's numbers."""
-    return Conventions(arguments.imu_frame, arguments.twist_index, arguments.twist_origin)
+    return Conventions(
+        arguments.imu_frame, arguments.twist_index, arguments.twist_origin, arguments.extrinsics
+    )
 
 
 def print_notes(drive: Drive) -> None:

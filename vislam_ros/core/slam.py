@@ -7,25 +7,25 @@ and values alone, never on when a message happened to arrive.
 """
 
 import time
-from collections import deque
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vislam_ros.core.filters.estimator import Estimator, Pose, require_tunable, tune
+from vislam_ros.core.filters.estimator import Estimator, Pose, require_possible, tune
 from vislam_ros.core.filters.flat_settings import completed
 from vislam_ros.core.filters.registry import Surroundings, estimator_named
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.motion import Increment, mean_twist
 from vislam_ros.core.noise.frame_rate import FrameRate
-from vislam_ros.core.settings import SlamSettings, require_live
+from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive, smoothed_drive
 from vislam_ros.core.smoothing.tape import Tape
 from vislam_ros.core.step import SlamStep
 from vislam_ros.core.tracking.pairing import PredictedPath
-from vislam_ros.core.tracking.pending_frame import PendingFrame
+from vislam_ros.core.tracking.pending_frame import PendingFrame, PendingFrames
 from vislam_ros.core.tracking.refusals import (
     Refusal,
     RefusalCounts,
@@ -95,6 +95,7 @@ class Slam:
         self._given_map = given_map if self._registration.needs_map else None
         self._record = record
         self._camera: StereoCamera | None = None
+        self._rectification: PixelRectification | None = None
         self.refused = RefusalCounts()
         self.resets = 0
         self.previous_map: LandmarkMap | None = None
@@ -107,14 +108,14 @@ class Slam:
         time_jumps = dict.fromkeys(streams, self._settings.time_jump)
         self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
-        self._pending: deque[PendingFrame] = deque()
-        self._weight = 0
+        self._pending = PendingFrames(self._settings.max_pending)
         self._begin_pass(0)
 
     def _begin_pass(self, pass_number: int) -> None:
         self._pass = pass_number
         self._estimator: Estimator | None = None
         self._camera_in_use: StereoCamera | None = None
+        self._rectification_in_use: PixelRectification | None = None
         self._tape = Tape() if self._record else None
         self._verdict: Verdict | None = None
         self._stamps: list[int] = []
@@ -157,33 +158,33 @@ class Slam:
             self.previous_map, self.previous_verdict = self.best_landmarks(), self.verdict()
 
     def change_settings(self, settings: SlamSettings) -> None:
-        """Take other settings at the next step, for it and those after it.
-
-        Raises
-        ------
-        SettingsError
-            As :meth:`require_possible`; nothing is changed then.
-        """
+        """Take other settings from the next step on, or raise as :meth:`require_possible`."""
         self.require_possible(settings)
         self.settings = settings
 
     def require_possible(self, settings: SlamSettings) -> None:
         """Raise a SettingsError where settings cannot be taken while the session runs."""
-        require_live(self.settings, settings)
-        if self._estimator is not None:
-            require_tunable(self._estimator, self.settings, settings)
+        require_possible(self._estimator, self.settings, settings)
 
-    def set_camera(self, camera: StereoCamera) -> list[SlamStep]:
+    def set_camera(
+        self, camera: StereoCamera, rectification: PixelRectification | None = None
+    ) -> list[SlamStep]:
         """Tell the calibration; features that came before it are waiting.
 
         A calibration that differs from the one in use holds from the next pass on.
+
+        Parameters
+        ----------
+        camera : StereoCamera
+        rectification : PixelRectification, optional
+            What makes the pixels those of ``camera``, where they are not.
 
         Returns
         -------
         list of SlamStep
             The steps that became ready.
         """
-        self._camera = camera
+        self._camera, self._rectification = camera, rectification
         return self._advance()
 
     def add_prediction(
@@ -253,10 +254,7 @@ class Slam:
         chosen = chosen_tracks(ids, self._settings.feature_fraction, self._settings.seed)
         frame = ids[chosen], pixels[chosen], None if stated is None else stated[chosen]
         for number, entered, content in self._passes.enter(Stream.FEATURES, stamp, frame):
-            if self._weight < self._settings.max_pending:
-                self._pending.append(PendingFrame(number, entered, *content))
-                self._weight += self._pending[-1].weight
-            else:
+            if not self._pending.add(PendingFrame(number, entered, *content)):
                 self.refused.add(Stream.FEATURES, Refusal.QUEUE_FULL, entered)
         return self._advance()
 
@@ -305,7 +303,7 @@ class Slam:
             covered = path is not None and path.reaches(frame.stamp)
             if not (covered or pass_is_over):
                 break
-            self._weight -= self._pending.popleft().weight
+            frame = self._pending.take()
             if covered and path is not None and not path.begins_after(frame.stamp):
                 steps.append(self._step(frame, path))
             else:
@@ -329,8 +327,10 @@ class Slam:
         if self._estimator is None or self._verdict is None:
             assert self._camera is not None
             self._camera_in_use = self._camera
+            self._rectification_in_use = self._rectification
             self._estimator = self._new_estimator(self._camera)
             self._verdict = Verdict(self._camera)
+        frame = frame.rectified(self._rectification_in_use)
         tracked = self._tracks.observe(
             frame.ids,
             frame.pixels,
@@ -380,12 +380,11 @@ class Slam:
     def _take_settings(self) -> None:
         """Take the settings that were told since the last step."""
         if self._settings is not self.settings:
-            settings = self._settings = self.settings
-            self._tracks.follow(settings)
+            self._settings = self.settings
+            self._tracks.follow(self.settings)
             for path in self._paths.values():
-                path.settings = settings
-            if self._estimator is not None:
-                tune(self._estimator, settings)
+                path.settings = self.settings
+            tune(self._estimator, self.settings)
 
     def _new_estimator(self, camera: StereoCamera) -> Estimator:
         given = Surroundings(camera, self._tape, self._given_map, self._tracks.ids_of)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 Grey = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 
-# Pixels to a side that are compared, and halvings: the guess may be 15 * 2^3 / 2 = 60 px wrong.
-_WINDOW, _LEVELS = (15, 15), 3
+# Pixels to a side that are compared, and halvings: the guess may be 11 * 2^3 / 2 = 44 px wrong.
+_WINDOW, _LEVELS = (11, 11), 3
 # Steps of a level, and the step [px] that is small enough.
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 0.02)
 

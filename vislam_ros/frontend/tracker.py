@@ -179,7 +179,7 @@ class StereoTracker:
         else:
             warped, maps, good = moved(camera, y, points.slopes, motion)
             expected_there = warped[:, [0, 2]].astype(np.float32)
-            # What was lost on the way, as near points are that grow, is looked for where it must be.
+            # What was lost on the way, as near points are, is looked for where it must be.
             there = np.where(found[:, None], there, expected_there)
             good &= np.linalg.norm(expected_there - there, axis=1) <= settings.off_the_motion
             points.disparities = (warped[:, 0] - warped[:, 1]).astype(np.float32)

@@ -197,7 +197,7 @@ def features_to_message(
     pixels: NDArray[np.float32],
     noise: NDArray[np.float32] | None = None,
 ) -> PointCloud2:
-    """Features cloud of ids (n,), pixels (n, 4) ``u_left, v_left, u_right, v_right``, noise (n,)."""
+    """Features cloud of ids (n,), pixels (n, 4) ``u_left, v_left, ...``, and their noise (n,)."""
     fields, size = (_FEATURE_POINT_FIELDS, 20) if noise is None else (_NOISY_POINT_FIELDS, 24)
     return _cloud(stamp, frame, fields, size, pack_features(ids, pixels, noise))
 

@@ -96,7 +96,7 @@ class SlamNode(Node):
             self.get_logger().warning(
                 f"the calibration changed ({differences(before, camera)}): it holds from {when} on"
             )
-        self._publish(self.core.set_camera(camera))
+        self._publish(self.core.set_camera(camera, self._calibration.rectification))
 
     def on_prediction(self, message: Odometry) -> None:
         """Take a predicted pose."""

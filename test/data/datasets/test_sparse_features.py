@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vislam_ros.data.datasets.array_stream import ArrayStream
-from vislam_ros.data.datasets.sparse_features import gather_observations
+from vislam_ros.data.datasets.sparse_features import gather_observations, rectified
 from vislam_ros.data.drive import image_size_that_holds
 
 
@@ -43,7 +43,9 @@ def test_agrees_with_a_loop_over_the_dense_array(seed, M, T, chunk, fortran_orde
     # Single pixels of -1 in a seen observation are pixels, too.
     dense = rng.choice([-1.0, -3.5, 0.0, 100.25, 1e3 / 3], (4, M, T)).astype(dtype)
     dense[:, rng.random((M, T)) < 0.5] = -1
-    features = gather_observations(stream(dense, fortran_order=fortran_order, chunk=chunk))
+    features = rectified(
+        gather_observations(stream(dense, fortran_order=fortran_order, chunk=chunk))
+    )
     steps = np.repeat(np.arange(T), np.diff(features.offsets))
     found = list(zip(steps, features.ids, map(tuple, features.pixels), strict=True))
     assert found == by_loops(dense)
@@ -58,7 +60,7 @@ def test_an_observation_with_an_unusable_pixel_is_dropped_and_counted(bad):
     dense = np.full((4, 2, 3), -1.0)
     dense[:, 0, 1] = dense[:, 1, 1] = [10, 20, 5, 20]
     dense[2, 0, 1] = bad
-    features = gather_observations(stream(dense))
+    features = rectified(gather_observations(stream(dense)))
     assert features.unusable == 1
     np.testing.assert_array_equal(features.ids, [1])
     np.testing.assert_array_equal(features.offsets, [0, 0, 1, 1])

@@ -124,8 +124,8 @@ CONSTANTS: tuple[Constant, ...] = (
     *_of("settings", "rest_after_rejection", "frozen_share", "frozen_motion"),
     *_of(
         "data.datasets.conventions",
-        ("_CLEARLY_SMALLER", (0.5, 1.0)),
-        "_MIN_RESIDUALS",
+        ("CLEARLY_SMALLER", (0.5, 1.0)),
+        "MIN_RESIDUALS",
         "_MIN_DEPTH",
     ),
     *_of("data.datasets.step_pairs", "_STEPS_LOOKED_AT", "_MIN_DISPARITY", "_FROZEN_SHARE"),

@@ -13,6 +13,7 @@ PLAY = PlayOptions()
 IMU_FRAMES = ("auto", "flu", "frd", "as-given")
 TWIST_INDICES = ("auto", "end", "start")
 TWIST_ORIGINS = ("auto", "body", "imu")
+EXTRINSICS = ("auto", "imu-to-optical", "flu-to-imu", "optical-to-imu", "imu-to-flu")
 
 RETURNS = """\
 exit code: 0 on success, 1 on an error (one line on stderr; -v shows where it came from), 2 on
@@ -73,6 +74,13 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="whether the twists are the body's or those of an IMU that the extrinsics misplace; "
         "auto looks at turns",
+    )
+    parser.add_argument(
+        "--extrinsics",
+        choices=EXTRINSICS,
+        default="auto",
+        help="what extL_T_imu and extR_T_imu map to what (flu: a camera with x forward, y left, z "
+        "up); auto takes what makes a stereo pair and fits the images",
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.columns import Estimate
 from vislam_ros.core.motion import Increment, Twist
-from vislam_ros.core.settings import SlamSettings, differences
+from vislam_ros.core.settings import SlamSettings, differences, require_live
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.errors import SettingsError
 
@@ -101,24 +101,29 @@ class Tunable(Protocol):
         """Take settings of its class, from the next step on."""
 
 
-def tune(estimator: Estimator, settings: SlamSettings) -> None:
+def tune(estimator: Estimator | None, settings: SlamSettings) -> None:
     """Give a :class:`Tunable` estimator other settings; the others keep theirs."""
     if _is_tunable(estimator):
         cast(Tunable, estimator).change_settings(settings)
 
 
-def require_tunable(estimator: Estimator, before: SlamSettings, after: SlamSettings) -> None:
-    """Raise a SettingsError where own settings of an estimator differ that takes no others.
+def require_possible(
+    estimator: Estimator | None, before: SlamSettings, after: SlamSettings
+) -> None:
+    """Raise a SettingsError where settings differ that cannot be changed in a running session.
 
-    What belongs to every session the session itself follows.
+    These are what is not live and, once there is an estimator, what is its own where it is not
+    :class:`Tunable`. What belongs to every session the session itself follows.
     """
+    require_live(before, after)
     for name in differences(before, after):
-        if not (hasattr(SlamSettings, name) or _is_tunable(estimator)):
+        own = estimator is not None and not hasattr(SlamSettings, name)
+        if own and not _is_tunable(estimator):
             raise SettingsError(
                 f"{name}: estimator {after.estimator!r} takes no other value while it runs; give "
                 "it a method change_settings"
             )
 
 
-def _is_tunable(estimator: Estimator) -> bool:
+def _is_tunable(estimator: Estimator | None) -> bool:
     return hasattr(estimator, "change_settings")

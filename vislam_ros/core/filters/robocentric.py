@@ -37,7 +37,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vislam_ros.core.columns import Estimate
 from vislam_ros.core.filters import quantities
@@ -59,6 +59,7 @@ from vislam_ros.core.filters.robocentric_model import (
     SIZE,
     TWIST,
     TWIST_ROWS,
+    learn_motion,
     motion_priors,
     prior_covariance,
     track_priors,
@@ -186,13 +187,17 @@ class RobocentricFilter:
             behind_camera = np.concatenate([behind_camera, self._move(tau)])
         slots = indices_of(frame.keys, self.keys)
         known = slots >= 0
-        outcome = self._correct(frame.keys[known], slots[known], frame.pixels[known])
+        stated = self._track_noise.factors(frame.noise, len(frame.keys))
+        seen = frame.keys[known], slots[known], frame.pixels[known], stated[known]
+        outcome = self._correct(*seen)
         if self._settings.learn_noise and parts and measured is not None and outcome.used:
-            self._learn_motion_noise(*before, measured, tau)
+            P = self._state.vehicle_covariance
+            error = twist_error(measured, self.twist, self.gyro_bias)
+            learn_motion(self._motion_noise, before, self.twist, P, error, tau)
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)
-        self._initialize(frame.keys[new], frame.pixels[new])
+        self._initialize(frame.keys[new], frame.pixels[new], stated[new])
         belief = self._belief()
         last = belief.as_correction(GYRO_BIAS, SIZE) if self._state.is_recorded else None
         self._state.end_step(self.T_world_body, last)
@@ -263,12 +268,14 @@ class RobocentricFilter:
         self.image_points = warped.y
         return behind_camera
 
-    def _correct(self, keys: Keys, slots: NDArray[np.int64], pixels: Array) -> Outcome:
+    def _correct(
+        self, keys: Keys, slots: NDArray[np.int64], pixels: Array, stated: Array
+    ) -> Outcome:
         """Correct by observations of active landmarks; marginalize those of outliers."""
         if not len(keys):
             return Outcome()
         residual = self._straight(pixels) - self.image_points[slots]
-        noise = self._track_noise.variances(slots)
+        noise = self._track_noise.variances(slots, stated)
         try:
             inliers = self._inliers(slots, residual, noise)
         except np.linalg.LinAlgError:
@@ -287,7 +294,8 @@ class RobocentricFilter:
         seen, R, R_tails = residual[:, used], noise[:, used], tails[:, used]
         inliers = gating.with_more_noise(inliers, (R_tails - R).ravel(), seen)
         corrected = self._apply(DirectCorrection(seen, R_tails, slots, used, inliers))
-        self._track_noise.update(slots, residual, inliers.inverse.diagonal(), inliers.weighted)
+        information = inliers.inverse.diagonal()
+        self._track_noise.update(slots, residual, noise, information, inliers.weighted)
         self._shift(corrected.delta)
         return Outcome(
             len(slots), rejected=rejected, nis=corrected.nis, nis_dof=len(inliers.weighted)
@@ -310,23 +318,14 @@ class RobocentricFilter:
             agreed = gating.without(agreed, distances > gate, together.residual)
         return agreed._replace(indices=alone[agreed.indices])
 
-    def _learn_motion_noise(
-        self, twist_before: Array, variances_before: Array, measured: Array, tau: float
-    ) -> None:
-        """Learn the noise of the motion from a step of tau seconds that vision has seen."""
-        P, H = self._state.vehicle_covariance, TWIST_ROWS
-        change, variances = self.twist - twist_before, P.diagonal()[TWIST]
-        error = twist_error(measured, self.twist, self.gyro_bias)
-        spread = np.sum((H @ P) * H, axis=1)
-        self._motion_noise.update(change, variances_before, variances, error, spread, tau)
-
-    def _initialize(self, keys: Keys, pixels: Array) -> None:
+    def _initialize(self, keys: Keys, pixels: Array, stated: Array) -> None:
         """Add landmarks at their first observation."""
         if not len(keys):
             return
         y = self._straight(pixels)
-        self._track_noise.initialize_level(self._observation.row_mismatch(pixels))
-        self._apply(Initialization(self._track_noise.of_new_tracks(y)))
+        mismatch = self._observation.row_mismatch(pixels) / np.sqrt(stated)
+        self._track_noise.initialize_level(mismatch)
+        self._apply(Initialization(self._track_noise.of_new_tracks(y, stated)))
         self._track_noise.add(len(keys))
         self._track_runs.add(len(keys))
         self.keys = np.concatenate([self.keys, keys])
@@ -376,18 +375,18 @@ class RobocentricFilter:
 
     def _estimates(self, belief: BiasBelief, variances: Array) -> tuple[Estimate, ...]:
         """What else is in the vehicle's state (16,), and the noise as it is learned."""
-        delta, std = belief.delta, np.sqrt(np.maximum(variances, 0.0))
-        pixel_std = (self._track_noise.level * sum(self._settings.pixel_variance) / 4) ** 0.5
-        noise_std, walk_std = np.sqrt([self._twist_variance, self._motion_noise.walk_variance])
-        return (
-            Estimate(quantities.GYRO_BIAS, self.gyro_bias + delta[GYRO_BIAS], belief.bias_std),
-            Estimate(quantities.LENS_DISTORTION, self.kappa + float(delta[LENS]), std[LENS]),
-            Estimate(quantities.PIXEL_NOISE_STD, pixel_std),
-            Estimate(quantities.VELOCITY_NOISE_STD, noise_std[0]),
-            Estimate(quantities.ANGULAR_VELOCITY_NOISE_STD, noise_std[3]),
-            Estimate(quantities.VELOCITY_WALK_STD, walk_std[:3]),
-            Estimate(quantities.ANGULAR_VELOCITY_WALK_STD, walk_std[3:]),
+        delta, level = belief.delta, self._track_noise.level * self._track_noise.usual_factor
+        values: tuple[tuple[ArrayLike, ArrayLike], ...] = (
+            (self.gyro_bias + delta[GYRO_BIAS], belief.bias_std),
+            (self.kappa + float(delta[LENS]), max(variances[LENS], 0.0) ** 0.5),
+            ((level * sum(self._settings.pixel_variance) / 4) ** 0.5, ()),
+            (self._twist_variance[0] ** 0.5, ()),
+            (self._twist_variance[3] ** 0.5, ()),
+            (np.sqrt(self._motion_noise.walk_variance[:3]), ()),
+            (np.sqrt(self._motion_noise.walk_variance[3:]), ()),
         )
+        described = zip(quantities.OF_ROBOCENTRIC, values, strict=True)
+        return tuple(Estimate(quantity, *value) for quantity, value in described)
 
 
 register_estimator(

@@ -37,6 +37,7 @@ from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import Warp
 from vislam_ros.core.motion import FIRST_TWIST_STD
+from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.operations.transition import Transition
 
 Array = NDArray[np.float64]
@@ -91,6 +92,37 @@ def twist_error(measured: Array, twist: Array, gyro_bias: Array) -> Array:
     error = measured - twist
     error[3:] -= gyro_bias
     return error
+
+
+def learn_motion(
+    noise: MotionNoise,
+    before: tuple[Array, Array],
+    twist: Array,
+    P: Array,
+    error: Array,
+    tau: float,
+) -> None:
+    """Learn the noise of the motion from a step that vision has seen.
+
+    Parameters
+    ----------
+    noise : MotionNoise
+    before : tuple of ndarray, (6,)
+        The twist and its variances before the step's measurements.
+    twist : ndarray, (6,)
+        After them, metres and radians a second.
+    P : ndarray, (16, 16)
+        Covariance of the vehicle state after them.
+    error : ndarray, (6,)
+        Of the measured twist, see :func:`twist_error`.
+    tau : float
+        Seconds of the step.
+    """
+    H = TWIST_ROWS
+    twist_before, variances_before = before
+    spread = np.sum((H @ P) * H, axis=1)
+    change, variances = twist - twist_before, P.diagonal()[TWIST]
+    noise.update(change, variances_before, variances, error, spread, tau)
 
 
 def transition_of(

@@ -28,6 +28,10 @@ that is 0.17 where the errors are white, 0.27 where they are and only the first 
 and 0.64 where they have a correlation rho of 0.95 (the ratio of two such normal variables is
 Cauchy about rho, with scale ``sqrt(1 - rho^2)``); on KITTI it is 0.42 to 0.67.
 
+*Stated noise.* A front end may know the noise of each observation from its image. Then V has that
+size for each, the level is how far what it states is wrong for all, and an offset is as large as
+the noise of a disparity: what it states may well stay for the life of a track.
+
 All look back only, so the noise is the same live and offline.
 """
 
@@ -98,6 +102,10 @@ class TrackNoise:
     ----------
     level : float
         Scale of the variances for all tracks.
+    is_stated : bool
+        Whether the source of the present frame states the noise of its observations.
+    usual_factor : float
+        Mean of the factors that it puts on the prior variances.
     """
 
     def __init__(self, variances: Array, offset_std: float, rate: FrameRate, *, learns: bool):
@@ -113,6 +121,23 @@ class TrackNoise:
         self._observed: Array = np.empty(0)
         self._last_error: Array = np.empty(0)
         self.level = 1.0
+        self.is_stated, self.usual_factor = False, 1.0
+
+    def factors(self, noise: Array | None, count: int) -> Array:
+        """Factors (n,) on the prior variances of so many observations of a frame.
+
+        Parameters
+        ----------
+        noise : ndarray, (n,), or None
+            Standard deviations as the source states them, pixels.
+        count : int
+        """
+        self.is_stated = noise is not None
+        if noise is None:
+            return np.ones(count)
+        factors = np.square(noise) / self._variances[0]
+        self.usual_factor = float(factors.mean()) if count else self.usual_factor
+        return factors
 
     def tell(self, variances: Array, offset_std: float, *, learns: bool) -> None:
         """Go on with other priors; variances that are new count as they are told, at level 1."""
@@ -131,22 +156,23 @@ class TrackNoise:
         """Which of ``(u_left, u_right, v)`` say anything new of a known landmark."""
         return _WITHOUT_RIGHT if self.has_offsets else _ALL
 
-    def of_new_tracks(self, y: Array) -> Array:
+    def of_new_tracks(self, y: Array, stated: Array) -> Array:
         """Covariances (n, 3, 3) of the first image points (n, 3) of tracks, square pixels."""
-        noise = np.tile(np.diag(self.level * self._variances), (len(y), 1, 1))
+        variances = self.level * stated[:, None] * self._variances
+        noise = variances[:, :, None] * np.eye(3)
         if self.has_offsets:
             # Left and right go together, but for the offset.
             noise[:, :2, :2] = noise[:, :1, :1]
-            noise[:, 1, 1] += self._offset_variances(y)
+            noise[:, 1, 1] += self._offset_variances(y, variances)
         return noise
 
     def gate(self, chi2_gate: float) -> float:
         """Bound of the squared distances of innovations: wider where tracks differ in quality."""
         return _WIDER_GATE * chi2_gate if self.has_offsets else chi2_gate
 
-    def variances(self, indices: NDArray[np.int64]) -> Array:
+    def variances(self, indices: NDArray[np.int64], stated: Array) -> Array:
         """Variances (n, 3) of the image points of known landmarks, square pixels."""
-        return self.level * self._scale(indices)[:, None] * self._variances
+        return self.level * (self._scale(indices) * stated)[:, None] * self._variances
 
     def with_tails(
         self, indices: NDArray[np.int64], variances: Array, inverse: Array, weighted: Array
@@ -170,20 +196,21 @@ class TrackNoise:
             return variances
         used = self.components
         own = self._scale(indices)
+        R_0 = variances / own[:, None]
         scales = _scales_with_tails(
             diagonal_blocks(inverse, len(used)),
             weighted.reshape(-1, len(used)),
-            self.level * self._variances[used],
+            np.ascontiguousarray(R_0[:, used]),
             own,
         )
-        return self.level * scales[:, None] * self._variances
+        return variances * (scales / own)[:, None]
 
     def expected(self, variances: Array, y: Array) -> Array:
         """Variances (n, 3) that innovations at image points (n, 3) add to those of the state."""
         if not self.has_offsets:
             return variances
         expected = variances.copy()
-        expected[:, 1] += self._offset_variances(y)
+        expected[:, 1] += self._offset_variances(y, variances)
         return expected
 
     def initialize_level(self, mismatch: Array) -> None:
@@ -205,7 +232,12 @@ class TrackNoise:
         self._last_error = self._last_error[~gone]
 
     def update(
-        self, indices: NDArray[np.int64], residual: Array, information: Array, weighted: Array
+        self,
+        indices: NDArray[np.int64],
+        residual: Array,
+        variances: Array,
+        information: Array,
+        weighted: Array,
     ) -> None:
         """Learn from the inliers of a frame.
 
@@ -215,6 +247,8 @@ class TrackNoise:
             Indices of the landmarks seen, all different.
         residual : ndarray, (n, 3)
             Innovations r of all three numbers, pixels.
+        variances : ndarray, (n, 3)
+            Those of :meth:`variances`, square pixels.
         information : ndarray, (n r,)
             Diagonal of ``S^-1``, 1 / square pixels, r numbers for each landmark: those of
             ``components``.
@@ -226,10 +260,10 @@ class TrackNoise:
         used = self.components
         numbers = len(used)
         scale = self._scale(indices)
-        R_0 = self.level * self._variances[used]
+        R = variances[:, used]
         w, D = weighted.reshape(-1, numbers), information.reshape(-1, numbers)
-        from_noise = scale * (D @ R_0)
-        self._noise[indices] += scale * (scale * (w * w @ R_0) - from_noise + numbers)
+        from_noise = np.sum(D * R, axis=1)
+        self._noise[indices] += scale * (np.sum(w * w * R, axis=1) - from_noise + numbers)
         self._observed[indices] += numbers
 
         self._frames += 1
@@ -244,8 +278,10 @@ class TrackNoise:
         """Scales (n,) of tracks' own noise."""
         return self._noise[indices] / self._observed[indices]
 
-    def _offset_variances(self, y: Array) -> Array:
-        """Variances (n,) of the disparities' offsets at image points (n, 3)."""
+    def _offset_variances(self, y: Array, variances: Array) -> Array:
+        """Variances (n,) of the disparities' offsets at image points (n, 3) of such noise (n, 3)."""
+        if self.is_stated:
+            return np.asarray(variances[:, 0] + variances[:, 1])
         disparity: Array = y[:, 0] - y[:, 1]
         return self._offset_variance + np.square(_RELATIVE_OFFSET * disparity)
 
@@ -261,9 +297,9 @@ class TrackNoise:
             self._staying += (staying - count * self._staying) / self._errors
 
 
-@compiled("float64[::1](float64[:, :, ::1], float64[:, ::1], float64[::1], float64[::1])")
+@compiled("float64[::1](float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[::1])")
 def _scales_with_tails(D: Array, w: Array, R_0: Array, own: Array) -> Array:
-    """Scales (n,) of observations, of which none is smaller than its track's own (n,).
+    """Scales (n,) of noise R_0 (n, r), of which none is smaller than its track's own (n,).
 
     The covariance ``A + s R_0`` of an innovation given the others is the inverse of its block of
     ``S^-1``, (n, r, r), and ``w_i`` its part of ``S^-1 r``, both worked out with the own scales.
@@ -277,12 +313,12 @@ def _scales_with_tails(D: Array, w: Array, R_0: Array, own: Array) -> Array:
             s = scales[i]
             S = C.copy()
             for k in range(r):
-                S[k, k] += (s - own[i]) * R_0[k]
+                S[k, k] += (s - own[i]) * R_0[i, k]
             inverse, _ = small_inverse(S)
             weighted = inverse @ residual
             expected = r * s
             for k in range(r):
-                expected += s * s * R_0[k] * (weighted[k] * weighted[k] - inverse[k, k])
+                expected += s * s * R_0[i, k] * (weighted[k] * weighted[k] - inverse[k, k])
             found = (_PRIOR_NUMBERS * own[i] + expected) / (_PRIOR_NUMBERS + r)
             scales[i] = max(own[i], found)
             if scales[i] == s:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.decoding import Projection
 from vislam_ros.data.bags.layout import EXTRINSICS, LEFT_CAMERA, RIGHT_CAMERA, Frames, Topic
@@ -19,9 +20,8 @@ Array = NDArray[np.float64]
 def differences(before: StereoCamera, after: StereoCamera) -> str:
     """In what one camera differs from another, in words."""
     old, new = dataclasses.asdict(before), dataclasses.asdict(after)
-    return ", ".join(
-        f"{name}: {old[name]} to {new[name]}" for name in old if old[name] != new[name]
-    )
+    changes = [f"{name}: {old[name]} to {new[name]}" for name in old if old[name] != new[name]]
+    return ", ".join(changes) or "intrinsics of the right camera"
 
 
 CALIBRATION_TOPICS = (LEFT_CAMERA, RIGHT_CAMERA, EXTRINSICS)
@@ -34,12 +34,15 @@ class Calibration:
     ----------
     camera : StereoCamera or None
         What they say together, once all are there and both cameras are a pair.
+    rectification : PixelRectification or None
+        What makes the features' pixels those of the camera, where they are not.
     image_size : tuple of int, (2,)
         Width and height of the left image, pixels; 0 x 0 where it is not known.
     """
 
     def __init__(self, frames: Frames):
         self.camera: StereoCamera | None = None
+        self.rectification: PixelRectification | None = None
         self.image_size = (0, 0)
         self._frames = frames
         self._projections: dict[Topic, Projection] = {}
@@ -52,7 +55,7 @@ class Calibration:
         return [topic.name for topic in CALIBRATION_TOPICS if topic not in known]
 
     def add(self, topic: Topic, message: Any) -> StereoCamera | None:
-        """Take a message of one of the three topics; return the camera if it is another now.
+        """Take a message of one of the three topics; return the camera if anything changed.
 
         Raises
         ------
@@ -65,10 +68,11 @@ class Calibration:
             self._projections[topic] = decoding.projection(message)
             left, right = (self._projections.get(side) for side in (LEFT_CAMERA, RIGHT_CAMERA))
             if left is not None and right is not None:
-                decoding.check_pair(left, right)
+                decoding.pair(left, right)
                 self._pair = left, right
         if self._pair is None or self._extrinsics is None:
             return None
-        before, self.image_size = self.camera, self._pair[0].image_size
-        self.camera = decoding.stereo_camera(*self._pair, *self._extrinsics)
-        return self.camera if self.camera != before else None
+        before = self.camera, self.rectification
+        self.image_size = self._pair[0].image_size
+        self.camera, self.rectification = decoding.stereo_camera(*self._pair, *self._extrinsics)
+        return None if (self.camera, self.rectification) == before else self.camera

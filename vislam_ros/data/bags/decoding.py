@@ -12,7 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import (
+    Intrinsics,
+    NoStereoPairError,
+    PixelRectification,
+    RectifiedPair,
+    rectified_pair,
+)
 from vislam_ros.core.motion import UNKNOWN_VELOCITY_VARIANCE
 from vislam_ros.core.ranges import BASELINE, FOCAL_LENGTH, MOUNT, PRINCIPAL_POINT, TURN_RATE
 from vislam_ros.core.tracking.refusals import (
@@ -28,8 +36,6 @@ from vislam_ros.data.bags.layout import Frames
 from vislam_ros.data.trajectory import NANOSECONDS
 
 Array = NDArray[np.float64]
-
-_SAME_PIXELS = 1e-3  # pixels by which equal projections may differ, as calibrations round them
 
 
 @dataclass(frozen=True)
@@ -157,37 +163,70 @@ def projection(message: Any) -> Projection:
     return Projection(P, (int(message.width), int(message.height)))
 
 
-def check_pair(left: Projection, right: Projection) -> None:
-    """Refuse what is no rectified pair with the right camera to the right."""
-    if np.max(np.abs(left.P[:, :3] - right.P[:, :3])) > _SAME_PIXELS:
-        raise RefusedMessage(
-            Refusal.NOT_A_PAIR,
-            "field p differs in focal length or principal point: rectify both to the same",
-        )
+def pair(left: Projection, right: Projection) -> RectifiedPair:
+    """Rectify what two camera infos say: the right one may have other intrinsics than the left.
+
+    Raises
+    ------
+    RefusedMessage
+        Where they are no stereo pair with the right camera to the right.
+    """
     if right.P[0, 3] >= 0:
         raise RefusedMessage(
             Refusal.NOT_A_PAIR,
             f"field p[3] of the right camera is {right.P[0, 3]}: it must be -fx times the "
             "baseline",
         )
-    check_range(BASELINE, -right.P[0, 3] / right.P[0, 0])
+    # P = K [I | -c] of a camera at c.
+    T_left_right = np.eye(4)
+    T_left_right[:2, 3] = -right.P[:2, 3] / right.P.diagonal()[:2]
+    try:
+        rectified = rectified_pair(
+            Intrinsics.of_matrix(left.P), Intrinsics.of_matrix(right.P), T_left_right
+        )
+    except NoStereoPairError as error:
+        raise RefusedMessage(
+            Refusal.NOT_A_PAIR, f"field p: {error}: calibrate both as one pair"
+        ) from None
+    check_range(BASELINE, rectified.baseline)
+    return rectified
 
 
 def stereo_camera(
     left: Projection, right: Projection, position: Array, quaternion: Array
-) -> StereoCamera:
-    """Camera of a checked pair and of the left camera's pose in the body."""
+) -> tuple[StereoCamera, PixelRectification | None]:
+    """Camera of two camera infos and of the left camera's pose in the body.
+
+    Returns
+    -------
+    camera : StereoCamera
+    rectification : PixelRectification or None
+        What the pixels of its features have to go through.
+
+    Raises
+    ------
+    RefusedMessage
+        See :func:`pair`.
+    """
+    rectified = pair(left, right)
+    # Without rounding where the right camera is as the left.
+    fx_baseline = -float(right.P[0, 3]) * float(left.P[0, 0] / right.P[0, 0])
+    if rectified.R_left_rectified is not None:
+        fx_baseline = float(left.P[0, 0]) * rectified.baseline
+        R_body_left = se3.rotation_from_quaternion(quaternion)
+        quaternion = se3.quaternion_from_rotation(R_body_left @ rectified.R_left_rectified)
     x, y, z = position.tolist()
     qx, qy, qz, qw = quaternion.tolist()
-    return StereoCamera(
+    camera = StereoCamera(
         fx=float(left.P[0, 0]),
         fy=float(left.P[1, 1]),
         cx=float(left.P[0, 2]),
         cy=float(left.P[1, 2]),
-        fx_baseline=-float(right.P[0, 3]),
+        fx_baseline=fx_baseline,
         position_body_camera=(x, y, z),
         quaternion_body_camera=(qx, qy, qz, qw),
     )
+    return camera, rectified.pixels
 
 
 def _check_frame(field: str, frame: str, parameter: str, expected: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.tracking.refusals import Refusal, RefusalCounts, Stream
 from vislam_ros.core.tracking.stamp_pairs import StampPairs
 from vislam_ros.data.drive import Drive, image_size_that_holds
@@ -36,6 +37,8 @@ class GatheredPass:
         Ground truth: position (3,) and quaternion (4,).
     camera : StereoCamera or None
         The one that was known at the first frame.
+    rectification : PixelRectification or None
+        What goes with it.
     refused : RefusalCounts
     """
 
@@ -44,6 +47,7 @@ class GatheredPass:
     frames: list[Frame] = field(default_factory=list)
     poses: list[tuple[int, Array, Array]] = field(default_factory=list)
     camera: StereoCamera | None = None
+    rectification: PixelRectification | None = None
     refused: RefusalCounts = field(default_factory=RefusalCounts)
 
     def sort(self, *, motion: Stream, imu_turns: bool) -> None:
@@ -91,23 +95,24 @@ class GatheredPass:
         first, last = self.twists[0][0], self.twists[-1][0]
         return any(first <= stamp <= last for stamp, *_ in self.frames)
 
-    def drive(
-        self, name: str, camera: StereoCamera, image_size: tuple[int, int], notes: Sequence[str]
-    ) -> Drive:
-        """Drive of a sorted pass."""
-        frames = self.frames
-        pixels = np.concatenate([np.empty((0, 4), np.float32), *(p for _, _, p, _ in frames)])
+    def drive(self, name: str, image_size: tuple[int, int], notes: Sequence[str]) -> Drive:
+        """Drive of a sorted pass whose camera is known, its pixels rectified."""
+        assert self.camera is not None
+        seen = [(ids, pixels, noise) for _, ids, pixels, noise in self.frames]
+        if self.rectification is not None:
+            seen = [self.rectification.frame(*frame) for frame in seen]
+        pixels = np.concatenate([np.empty((0, 4), np.float32), *(p for _, p, _ in seen)])
         return Drive(
             name=name,
-            camera=camera,
+            camera=self.camera,
             image_size=image_size if all(image_size) else image_size_that_holds(pixels),
             twist_stamps=_stamps(self.twists),
             twists=np.array([twist for _, twist in self.twists]).reshape(-1, 6),
-            feature_stamps=_stamps(frames),
-            offsets=np.cumsum([0, *(len(ids) for _, ids, _, _ in frames)], dtype=np.int64),
-            ids=np.concatenate([np.empty(0, np.uint32), *(ids for _, ids, _, _ in frames)]),
+            feature_stamps=_stamps(self.frames),
+            offsets=np.cumsum([0, *(len(ids) for ids, _, _ in seen)], dtype=np.int64),
+            ids=np.concatenate([np.empty(0, np.uint32), *(ids for ids, _, _ in seen)]),
             pixels=pixels,
-            noise=_stated([noise for *_, noise in frames]),
+            noise=_stated([noise for _, _, noise in seen]),
             ground_truth=_trajectory(self.poses) if self.poses else None,
             notes=tuple(notes),
             refused=self.refused,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.motion import angular_twist
 from vislam_ros.core.settings import MotionSettings
 from vislam_ros.core.tracking.refusals import Refusal, RefusalCounts, RefusedMessage, Stream
@@ -155,6 +156,7 @@ class _Reading:
         self._topics = self._present()
         self._calibration = Calibration(rules.frames)
         self._first_camera: StereoCamera | None = None
+        self._first_rectification: PixelRectification | None = None
         self._camera_changes: list[str] = []
         self._order = Passes(
             {
@@ -237,6 +239,7 @@ class _Reading:
             for gathered, frame in self._enter(Stream.FEATURES, features):
                 if not gathered.frames:
                     gathered.camera = self._calibration.camera
+                    gathered.rectification = self._calibration.rectification
                 gathered.frames.append(frame)
         elif topic is GROUND_TRUTH:
             pose = decoding.true_pose(message)
@@ -246,7 +249,9 @@ class _Reading:
         else:
             before = self._calibration.camera
             camera = self._calibration.add(topic, message)
-            self._first_camera = self._first_camera or camera
+            if self._first_camera is None:
+                self._first_camera = camera
+                self._first_rectification = self._calibration.rectification
             if before and camera:
                 self._camera_changes.append(differences(before, camera))
 
@@ -280,7 +285,6 @@ class _Reading:
 
     def drives(self, name: str, notes: Sequence[str]) -> tuple[Drive, ...]:
         """Drives of the passes in which the motion reaches a frame, or of the first one."""
-        assert self._first_camera is not None
         changes = (
             f"The calibration changes ({change}): a pass keeps the one that it begins with."
             for change in self._camera_changes
@@ -291,11 +295,11 @@ class _Reading:
             stream = Stream.IMU if self._motion is IMU else Stream.TWIST
             imu_turns = self._rules.imu_turns and self._motion is TWIST
             gathered.sort(motion=stream, imu_turns=imu_turns)
+            if gathered.camera is None:
+                gathered.camera = self._first_camera
+                gathered.rectification = self._first_rectification
         size = self._calibration.image_size
-        return tuple(
-            gathered.drive(name, gathered.camera or self._first_camera, size, notes)
-            for gathered in _with_motion(passes)
-        )
+        return tuple(gathered.drive(name, size, notes) for gathered in _with_motion(passes))
 
     def _notes_on_truth(self) -> Iterator[str]:
         for reason, count in sorted(self._faults[GROUND_TRUTH].items()):

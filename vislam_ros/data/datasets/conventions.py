@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 IMU_FRAMES = ("auto", "flu", "frd", "as-given")
 TWIST_INDICES = ("auto", "end", "start")
 TWIST_ORIGINS = ("auto", "body", "imu")
+EXTRINSICS = ("auto", "imu-to-optical", "flu-to-imu", "optical-to-imu", "imu-to-flu")
 
 # The half turn about the forward axis that takes FLU to FRD and back.
 _HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -41,10 +42,11 @@ _HALF_TURN_TWIST = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 
 _AXES = {"flu": "forward-left-up", "frd": "forward-right-down", "as-given": "as given"}
 
-_MIN_RESIDUALS = 20
+#: Of fewer residuals nothing is told.
+MIN_RESIDUALS = 20
 _MIN_DEPTH = 0.1  # metres
-# What the file says, twists at the end of their step, gives way only to a clearly smaller error.
-_CLEARLY_SMALLER = 0.9
+#: What a file says, or what is usual, gives way only to an error that is smaller by this factor.
+CLEARLY_SMALLER = 0.9
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,14 @@ class Conventions:
     imu_frame: str = "auto"
     twist_index: str = "auto"
     twist_origin: str = "auto"
+    extrinsics: str = "auto"
 
     def __post_init__(self) -> None:
         choices: dict[str, Sequence[str]] = {
             "imu_frame": IMU_FRAMES,
             "twist_index": TWIST_INDICES,
             "twist_origin": TWIST_ORIGINS,
+            "extrinsics": EXTRINSICS,
         }
         for what, value in vars(self).items():
             if value not in choices[what]:
@@ -146,7 +150,7 @@ def _settle_axes_and_steps(drive: Drive, imu_frame: str, twist_index: str) -> Dr
     pairs = step_pairs(drive)
     trials = [_apply(drive, *candidate) for candidate in candidates]
     errors = [reprojection_errors(trial, pairs) for trial in trials]
-    if min(len(part) for part in errors) < _MIN_RESIDUALS:
+    if min(len(part) for part in errors) < MIN_RESIDUALS:
         return _add_note(
             _apply(drive, "as-given" if imu_frame == "auto" else imu_frame, indices[0]),
             "Too few landmarks to tell the axes and the steps of the twists: taken as the file "
@@ -154,7 +158,7 @@ def _settle_axes_and_steps(drive: Drive, imu_frame: str, twist_index: str) -> Dr
         )
     medians = [float(np.median(part)) for part in errors]
     best = int(np.argmin(medians))
-    if medians[best] > _CLEARLY_SMALLER * medians[0]:
+    if medians[best] > CLEARLY_SMALLER * medians[0]:
         best = 0
     others = ", ".join(
         f"{medians[i]:.2f} px {_describe(*candidates[i])}"

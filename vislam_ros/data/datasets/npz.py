@@ -4,46 +4,46 @@
 
 The format (M tracks, T steps), in every spelling in use; velocities may be transposed::
 
-    features (4, M, T)   u_left, v_left, u_right, v_right in pixels; all four -1 where unseen
+    features (4, M, T)   u_left, v_left, u_right, v_right in pixels; all four -1 where unseen;
+                         in another order where the lengths leave no doubt; may be missing
     time_stamps, timestamps (T,)                           UNIX seconds
     linear_velocity, v_t (3, T)                            metres a second, in the IMU's axes
     angular_velocity, rotational_velocity, w_t (3, T)      radians a second, in the IMU's axes
-    K, K_l (3, 3)                                          intrinsics of both rectified cameras
+    K, K_l (3, 3)                                          intrinsics; K_r where they differ
     b, baseline                                            metres; or extL_T_imu and extR_T_imu
-    imu_T_cam (camera to IMU); cam_T_imu, extL_T_imu (IMU to left camera) (4, 4)
+    imu_T_cam (camera to IMU); cam_T_imu (IMU to left camera); extL_T_imu (see extrinsics) (4, 4)
     ground_truth_T_world_body (T, 4, 4)                    in simulated files
 """
 
+from itertools import permutations
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.geometry import se3
-from vislam_ros.core.geometry.camera import StereoCamera
-from vislam_ros.core.ranges import (
-    BASELINE,
-    FOCAL_LENGTH,
-    GAP,
-    LARGEST_PIXEL,
-    MOUNT,
-    POSITION,
-    PRINCIPAL_POINT,
-    TURN_RATE,
-    VELOCITY,
-    Range,
+from vislam_ros.core.ranges import GAP, LARGEST_PIXEL, POSITION, TURN_RATE, VELOCITY, Range
+from vislam_ros.data.datasets.array_stream import Arrays, open_arrays
+from vislam_ros.data.datasets.calibration import read_pairs
+from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
+from vislam_ros.data.datasets.extrinsics import Candidate, settle_reading
+from vislam_ros.data.datasets.members import finite, wrong_shape
+from vislam_ros.data.datasets.sparse_features import (
+    Axes,
+    DenseFeatures,
+    Progress,
+    gather_observations,
+    no_features,
+    rectified,
 )
-from vislam_ros.data.datasets.array_stream import Arrays, ArrayStream, open_arrays
-from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions, settle_conventions
-from vislam_ros.data.datasets.sparse_features import Progress, gather_observations
 from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.trajectory import LATEST_SECOND, NANOSECONDS, Trajectory, nanoseconds
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 
+FEATURES = "features"
 SPELLINGS = {
-    "features": ("features",),
     "time stamps": ("time_stamps", "timestamps"),
     "linear velocity": ("linear_velocity", "v_t"),
     "angular velocity": ("angular_velocity", "rotational_velocity", "w_t"),
@@ -54,11 +54,6 @@ SPELLINGS = {
 GROUND_TRUTH = "ground_truth_T_world_body"
 # Read together with another key, or known and of no use here.
 _COMPANIONS = ("K_r", "extL_T_imu", "extR_T_imu", GROUND_TRUTH, "ground_truth_landmarks")
-
-# Stored rotations are orthonormal to about 1e-8, and a matrix that is no rotation is far off.
-_ROTATION_TOLERANCE = 1e-3
-# A pair counts as rectified when its other offsets are below this share of the baseline.
-_RECTIFIED_TOLERANCE = 0.05
 
 
 def matches(path: Path) -> bool:
@@ -100,34 +95,37 @@ def read(
         angular_velocity = _velocity(
             path, arrays, keys["angular velocity"], len(stamps), TURN_RATE
         )
-        camera, notes = _camera(path, arrays, keys)
+        readings = read_pairs(path, arrays, keys, conventions.extrinsics)
         truth = _ground_truth(path, arrays, stamps) if GROUND_TRUTH in arrays else None
-        unknown = sorted(set(arrays) - set(keys.values()) - set(_COMPANIONS))
-        features = gather_observations(
-            _features(path, arrays, keys["features"], len(stamps)), progress
-        )
+        unknown = sorted(set(arrays) - {*keys.values(), FEATURES, *_COMPANIONS})
+        features, notes = _features(path, arrays, len(stamps), progress)
 
     if unknown:
         notes.append(f"Ignored keys that are no part of the format: {', '.join(unknown)}.")
-    if features.unusable:
-        notes.append(
-            f"Left out {features.unusable} observations with a pixel that is not finite or "
-            f"beyond {LARGEST_PIXEL:.0f}."
+    candidates: list[Candidate] = []
+    for reading in readings:
+        pair = reading.fitting(features.pixels)
+        seen = rectified(features, pair.rectification)
+        left_out = seen.unusable and (
+            f"Left out {seen.unusable} observations with a pixel that is not finite or beyond "
+            f"{LARGEST_PIXEL:.0f}."
         )
-    drive = Drive(
-        name=path.stem,
-        camera=camera,
-        image_size=image_size_that_holds(features.pixels),
-        twist_stamps=stamps,
-        twists=np.column_stack([velocity, angular_velocity]),
-        feature_stamps=stamps,
-        offsets=features.offsets,
-        ids=features.ids,
-        pixels=features.pixels,
-        ground_truth=truth,
-        notes=tuple(notes),
-    )
-    return settle_conventions(drive, conventions)
+        drive = Drive(
+            name=path.stem,
+            camera=pair.camera,
+            image_size=image_size_that_holds(seen.pixels),
+            twist_stamps=stamps,
+            twists=np.column_stack([velocity, angular_velocity]),
+            feature_stamps=stamps,
+            offsets=seen.offsets,
+            ids=seen.ids,
+            pixels=seen.pixels,
+            ground_truth=truth,
+            notes=(*notes, *([left_out] if left_out else []), *pair.notes),
+        )
+        complaint = pair.complaint and f"{path}: {pair.complaint}"
+        candidates.append(Candidate(pair.reading, drive, complaint))
+    return settle_reading(candidates, conventions)
 
 
 def _find_key(path: Path, arrays: Arrays, what: str) -> str:
@@ -140,24 +138,10 @@ def _find_key(path: Path, arrays: Arrays, what: str) -> str:
     )
 
 
-def _finite(path: Path, arrays: Arrays, key: str) -> Array:
-    values = arrays[key]().array()
-    if not np.all(np.isfinite(values)):
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(values))[0])
-        raise VislamError(
-            f"{path}: {key}{list(index)} is {values[index]}: every value must be finite"
-        )
-    return values
-
-
-def _wrong_shape(path: Path, key: str, shape: tuple[int, ...], wanted: str) -> VislamError:
-    return VislamError(f"{path}: {key} has shape {shape}, not {wanted}")
-
-
 def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
-    values = _finite(path, arrays, key)
+    values = finite(path, arrays, key)
     if not values.size or values.size != max(values.shape, default=0):
-        raise _wrong_shape(path, key, values.shape, "(T,) or (1, T) with at least one step")
+        raise wrong_shape(path, key, values.shape, "(T,) or (1, T) with at least one step")
     seconds = values.ravel()
     if seconds.min() < 0 or seconds.max() > LATEST_SECOND:
         raise VislamError(
@@ -177,105 +161,55 @@ def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
 
 def _velocity(path: Path, arrays: Arrays, key: str, steps: int, meant: Range) -> Array:
     """Read a velocity (T, 3) that is stored as (3, T) or, unless T is 3 too, as (T, 3)."""
-    values = _finite(path, arrays, key)
+    values = finite(path, arrays, key)
     meant.require(values, f"{path}: {key}")
     if values.shape == (3, steps):
         return values.T
     if values.shape == (steps, 3):
         return values
-    raise _wrong_shape(
+    raise wrong_shape(
         path, key, values.shape, f"(3, {steps}) or ({steps}, 3), one for each time stamp"
     )
 
 
-def _features(path: Path, arrays: Arrays, key: str, steps: int) -> ArrayStream:
-    stream = arrays[key]()
-    shape = stream.shape
-    if len(shape) != 3 or shape[0] != 4 or shape[2] != steps:
-        raise _wrong_shape(path, key, shape, f"(4, M, {steps}), one step for each time stamp")
-    if shape[1] > np.iinfo(np.uint32).max:
-        raise _wrong_shape(path, key, shape, "of at most 4294967295 tracks")
-    return stream
+def _features(
+    path: Path, arrays: Arrays, steps: int, progress: Progress | None
+) -> tuple[DenseFeatures, list[str]]:
+    """Observations, and notes on how they were found."""
+    if FEATURES not in arrays:
+        return no_features(steps), ["There are no features: what is left is dead reckoning."]
+    stream = arrays[FEATURES]()
+    axes, order = _axes(path, stream.shape, steps), []
+    if axes != (0, 1, 2):
+        names = ", ".join(name for _, name in sorted(zip(axes, ("4", "M", "T"), strict=True)))
+        order.append(f"Read {FEATURES} of shape {stream.shape} as ({names}).")
+    if stream.shape[axes[1]] > np.iinfo(np.uint32).max:
+        raise wrong_shape(path, FEATURES, stream.shape, "of at most 4294967295 tracks")
+    return gather_observations(stream, progress, axes=axes), order
 
 
-def _camera(path: Path, arrays: Arrays, keys: dict[str, str]) -> tuple[StereoCamera, list[str]]:
-    K = _intrinsics(path, arrays, keys["intrinsics"])
-    notes = []
-    if keys["intrinsics"] == "K_l" and "K_r" in arrays:
-        difference = np.abs(_intrinsics(path, arrays, "K_r") - K).max()
-        if difference > 0:
-            notes.append(f"K_r differs from K_l by up to {difference:.3g} px: K_l is used.")
-    key = keys["extrinsics"]
-    T = _rigid_motion(path, arrays, key)
-    return StereoCamera.from_matrices(
-        K,
-        _baseline(path, arrays, keys["baseline"]),
-        T if key == "imu_T_cam" else se3.inverse(T),
-    ), notes
-
-
-def _intrinsics(path: Path, arrays: Arrays, key: str) -> Array:
-    K = _finite(path, arrays, key)
-    if K.shape != (3, 3):
-        raise _wrong_shape(path, key, K.shape, "(3, 3)")
-    focal_lengths = np.diag(K)[:2]
-    rest = K - np.diag([*focal_lengths, 1.0])
-    rest[:2, 2] = 0.0
-    if np.any(focal_lengths <= 0) or np.any(np.abs(rest) > 1e-6 * focal_lengths.max()):
+def _axes(path: Path, shape: tuple[int, ...], steps: int) -> Axes:
+    """Which axis of the features is (component, track, step)."""
+    wanted = f"(4, M, {steps}), one step for each time stamp"
+    if len(shape) != 3:
+        raise wrong_shape(path, FEATURES, shape, wanted)
+    fitting = [
+        axes for axes in permutations(range(3)) if (shape[axes[0]], shape[axes[2]]) == (4, steps)
+    ]
+    if not fitting:
+        raise wrong_shape(path, FEATURES, shape, wanted)
+    documented = (0, 1, 2)
+    if len(fitting) > 1 and documented not in fitting:
         raise VislamError(
-            f"{path}: {key} is {K.tolist()}: intrinsics of a rectified camera are "
-            "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx and fy positive"
+            f"{path}: {FEATURES} has shape {shape}, and which axis is which cannot be told: give "
+            f"it as {wanted}"
         )
-    FOCAL_LENGTH.require(focal_lengths, f"{path}: {key}")
-    PRINCIPAL_POINT.require(K[:2, 2], f"{path}: {key}")
-    return K
-
-
-def _rigid_motion(path: Path, arrays: Arrays, key: str) -> Array:
-    T = _finite(path, arrays, key)
-    if T.shape != (4, 4):
-        raise _wrong_shape(path, key, T.shape, "(4, 4)")
-    R = T[:3, :3]
-    if (
-        not np.allclose(R @ R.T, np.eye(3), atol=_ROTATION_TOLERANCE)
-        or np.linalg.det(R) < 0
-        or not np.allclose(T[3], [0, 0, 0, 1])
-    ):
-        raise VislamError(
-            f"{path}: {key} is {T.tolist()}: no rigid motion [[R, p], [0, 1]] with a rotation R"
-        )
-    MOUNT.require(T[:3, 3], f"{path}: {key}")
-    return T
-
-
-def _baseline(path: Path, arrays: Arrays, key: str) -> float:
-    if key == "extR_T_imu":
-        if "extL_T_imu" not in arrays:
-            raise VislamError(f"{path}: extR_T_imu gives a baseline only beside extL_T_imu")
-        T_left_right = _rigid_motion(path, arrays, "extL_T_imu") @ se3.inverse(
-            _rigid_motion(path, arrays, key)
-        )
-        baseline, *offsets = T_left_right[:3, 3].tolist()
-        angle = float(np.linalg.norm(se3.log_rotation(se3.nearest_rotation(T_left_right[:3, :3]))))
-        if max(*np.abs(offsets), angle * abs(baseline)) > _RECTIFIED_TOLERANCE * abs(baseline):
-            raise VislamError(
-                f"{path}: extL_T_imu and extR_T_imu are no rectified pair: the right camera lies "
-                f"at {T_left_right[:3, 3].tolist()} m in the left one, turned by {angle:.3g} rad"
-            )
-    else:
-        values = _finite(path, arrays, key)
-        if values.size != 1:
-            raise _wrong_shape(path, key, values.shape, "one number")
-        baseline = float(values.item())
-    if baseline <= 0:
-        raise VislamError(f"{path}: {key} gives a baseline of {baseline} m: it must be positive")
-    BASELINE.require(baseline, f"{path}: {key}")
-    return baseline
+    return documented if documented in fitting else cast(Axes, fitting[0])
 
 
 def _ground_truth(path: Path, arrays: Arrays, stamps: NDArray[np.int64]) -> Trajectory:
-    T_world_body = _finite(path, arrays, GROUND_TRUTH)
+    T_world_body = finite(path, arrays, GROUND_TRUTH)
     if T_world_body.shape != (len(stamps), 4, 4):
-        raise _wrong_shape(path, GROUND_TRUTH, T_world_body.shape, f"({len(stamps)}, 4, 4)")
+        raise wrong_shape(path, GROUND_TRUTH, T_world_body.shape, f"({len(stamps)}, 4, 4)")
     POSITION.require(T_world_body, f"{path}: {GROUND_TRUTH}")
     return Trajectory.from_matrices(stamps, T_world_body)

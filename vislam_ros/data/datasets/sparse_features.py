@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the dense feature array of a dataset, mostly -1, to its observations alone."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.ranges import LARGEST_PIXEL
 from vislam_ros.data.datasets.array_stream import ArrayStream
 from vislam_ros.errors import VislamError
@@ -21,9 +23,32 @@ _PIXELS_OF_A_BYTE, _FEW, _SOME_OF_A_BYTE, _SOME = 4, 1 << 20, 16, 1 << 25
 Progress = Callable[[float], None]
 
 
+#: Which axes of an array are its pixels' components, its tracks and its steps.
+Axes = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class DenseFeatures:
+    """Observations as a file has them, sorted by (step, id).
+
+    Attributes
+    ----------
+    steps : int
+    step_of : ndarray of int64, (n,)
+    ids : ndarray of uint32, (n,)
+    pixels : ndarray of float64, (n, 4)
+        ``u_left, v_left, u_right, v_right``; whatever numbers they are.
+    """
+
+    steps: int
+    step_of: NDArray[np.int64]
+    ids: NDArray[np.uint32]
+    pixels: NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class SparseFeatures:
-    """Observations sorted by (step, id).
+    """Observations that can be used, sorted by (step, id).
 
     Attributes
     ----------
@@ -42,8 +67,36 @@ class SparseFeatures:
     unusable: int
 
 
-def gather_observations(stream: ArrayStream, progress: Progress | None = None) -> SparseFeatures:
-    """Pick the observations out of a dense (4, M, T) array in one pass over its bytes.
+def no_features(steps: int) -> DenseFeatures:
+    """Observations of a file without any."""
+    return DenseFeatures(
+        steps, np.empty(0, dtype=np.int64), np.empty(0, dtype=np.uint32), np.empty((0, 4))
+    )
+
+
+def rectified(
+    features: DenseFeatures, rectification: PixelRectification | None = None
+) -> SparseFeatures:
+    """Rectify pixels before they are rounded to single precision, and keep what can be used."""
+    exact = features.pixels
+    if rectification is not None:
+        exact = rectification.pixels(exact)
+    with np.errstate(over="ignore"):
+        pixels = exact.astype(np.float32)
+    # A float that is not finite fails the comparison too.
+    usable = np.all(np.abs(pixels) < LARGEST_PIXEL, axis=1)
+    return SparseFeatures(
+        offsets=np.searchsorted(features.step_of[usable], np.arange(features.steps + 1)),
+        ids=features.ids[usable],
+        pixels=pixels[usable],
+        unusable=int(np.sum(~usable)),
+    )
+
+
+def gather_observations(
+    stream: ArrayStream, progress: Progress | None = None, *, axes: Axes = (0, 1, 2)
+) -> DenseFeatures:
+    """Pick the observations out of a dense array in one pass over its bytes.
 
     An observation is absent where all four of its pixels are -1.
 
@@ -53,17 +106,22 @@ def gather_observations(stream: ArrayStream, progress: Progress | None = None) -
         Of shape (4, M, T), in either order.
     progress : callable, optional
         Told the share done, 0 to 1.
+    axes : tuple of int, (3,), optional
+        Which of its axes has the length 4, which M and which T, where they are permuted.
 
     Raises
     ------
     VislamError
         Where it unpacks to more observations than its bytes can tell.
     """
-    _, M, T = stream.shape
-    total = 4 * M * T
-    # A cell is a (track, step) pair, numbered as it lies in memory.
+    M, T = stream.shape[axes[1]], stream.shape[axes[2]]
+    total = math.prod(stream.shape)
+    # Strides in numbers, by (component, track, step).
+    strides = np.cumprod([1, *(stream.shape if stream.fortran_order else stream.shape[::-1])])
+    places = [axis if stream.fortran_order else 2 - axis for axis in axes]
+    # A cell is a (step, track) pair, numbered in the order that is wanted.
     cells: list[list[NDArray[np.int64]]] = [[], [], [], []]
-    values: list[list[NDArray[np.float32]]] = [[], [], [], []]
+    values: list[list[NDArray[np.float64]]] = [[], [], [], []]
     start = 0
     pixels_left = max(
         _PIXELS_OF_A_BYTE * stream.stored, min(_FEW + _SOME_OF_A_BYTE * stream.stored, _SOME)
@@ -76,12 +134,13 @@ def gather_observations(stream: ArrayStream, progress: Progress | None = None) -
                 f"{stream.source}: {stream.stored} bytes unpack to more observations than so many "
                 "bytes can tell"
             )
-        with np.errstate(over="ignore"):
-            present_values = chunk[present].astype(np.float32)
+        present_values = chunk[present].astype(np.float64)
         index = present + start
-        component, cell = (
-            (index % 4, index // 4) if stream.fortran_order else np.divmod(index, M * T)
+        component, track, step = (
+            index // strides[place] % stream.shape[axis]
+            for place, axis in zip(places, axes, strict=True)
         )
+        cell = step * M + track
         for c in np.unique(component):
             cells[c].append(cell[component == c])
             values[c].append(present_values[component == c])
@@ -91,23 +150,8 @@ def gather_observations(stream: ArrayStream, progress: Progress | None = None) -
 
     every_cell = [np.concatenate([np.empty(0, dtype=np.int64), *part]) for part in cells]
     seen = np.unique(np.concatenate(every_cell))
-    pixels = np.full((len(seen), 4), ABSENT, dtype=np.float32)
+    pixels = np.full((len(seen), 4), ABSENT)
     for c in range(4):
-        pixels[np.searchsorted(seen, every_cell[c]), c] = np.concatenate(
-            [np.empty(0, dtype=np.float32), *values[c]]
-        )
-    if stream.fortran_order:
-        steps, tracks = np.divmod(seen, max(M, 1))
-    else:
-        tracks, steps = np.divmod(seen, max(T, 1))
-
-    # A float that is not finite fails the comparison too.
-    usable = np.all(np.abs(pixels) < LARGEST_PIXEL, axis=1)
-    order = np.lexsort((tracks, steps))
-    order = order[usable[order]]
-    return SparseFeatures(
-        offsets=np.searchsorted(steps[order], np.arange(T + 1)),
-        ids=tracks[order].astype(np.uint32),
-        pixels=pixels[order],
-        unusable=int(np.sum(~usable)),
-    )
+        pixels[np.searchsorted(seen, every_cell[c]), c] = np.concatenate([np.empty(0), *values[c]])
+    step_of, tracks = np.divmod(seen, max(M, 1))
+    return DenseFeatures(T, step_of, tracks.astype(np.uint32), pixels)

@@ -51,7 +51,7 @@ def test_a_setting_is_varied_and_a_constant_of_loading_where_the_drive_is_read()
     setting = Constant("settings", "pixel_gate", (1e-9, 1.0))
     blind = run_trial(SETTINGS, Trial(DRIVE, setting, 1e-9))
     assert blind["ate_m"] > 2 * as_is["ate_m"]
-    margin = Constant("data.datasets.conventions", "_CLEARLY_SMALLER", (0.5, 1.0))
+    margin = Constant("data.datasets.conventions", "CLEARLY_SMALLER", (0.5, 1.0))
     assert run_trial(SETTINGS, Trial(DRIVE, margin, 0.5))["sha256"] == as_is["sha256"]
 
 
