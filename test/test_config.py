@@ -13,7 +13,7 @@ from places import REPOSITORY
 from vislam_ros.cli.parameters import SETTINGS_OF_NODES
 from vislam_ros.core.filters.flat_settings import unused_settings
 from vislam_ros.core.filters.registry import estimator_named, estimator_names
-from vislam_ros.core.settings import SlamSettings, settings_from_dict
+from vislam_ros.core.settings import SlamSettings, is_live, settings_from_dict
 from vislam_ros.data.files.parameter_file import read_parameters
 
 CONFIG = REPOSITORY / "config"
@@ -69,3 +69,16 @@ def test_table_1_of_the_report_is_given_exactly() -> None:
     assert slam["prior_pose_variance"] == 0.01
     assert slam["pixel_variance"] == [100.0] * 4
     assert slam["process_variance"] == 1e-10
+
+
+def test_the_page_names_what_can_be_set_while_slam_node_runs_and_nothing_else() -> None:
+    page = (REPOSITORY / "docs" / "parameters.md").read_text(encoding="utf-8")
+    section = page[page.index("## While it runs") :]
+    table = section[section.index("| group |") :].split("\n\n")[0]
+    live = {
+        field.name
+        for cls in classes_of("slam_node")
+        for field in dataclasses.fields(cls)
+        if is_live(field)
+    }
+    assert set(re.findall(r"`(\w+)`", table)) == live

@@ -332,10 +332,9 @@ def test_map_to_odom_carries_the_prediction_into_the_map(drive):
         np.testing.assert_allclose(step.T_map_odom @ T_odom_body, T_map_body, atol=1e-12)
 
 
-def test_what_is_published_may_change_at_run_time_but_not_the_filter(node):
+def test_what_is_published_may_change_at_run_time_but_not_the_frames(node):
     assert node.set_parameters([Parameter("path_length", value=3)])[0].successful
     assert node._path.maxlen == 3
-    assert not node.set_parameters([Parameter("chi2_gate", value=1.0)])[0].successful
     assert not node.set_parameters([Parameter("map_frame", value="m")])[0].successful
 
 

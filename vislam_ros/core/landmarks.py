@@ -31,6 +31,12 @@ class LandmarkMap:
     positions: Array
     covariances: Array
 
+    @classmethod
+    def empty(cls) -> "LandmarkMap":
+        """Make a map of no landmarks."""
+        ids = np.empty(0, dtype=np.uint32)
+        return cls(ids, ids, np.empty((0, 3)), np.empty((0, 3, 3)))
+
     def __len__(self) -> int:
         return len(self.ids)
 

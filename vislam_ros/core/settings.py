@@ -43,8 +43,12 @@ def setting(
     minimum: float | None = None,
     maximum: float | None = None,
     choices: tuple[str, ...] = (),
+    live: bool = False,
 ) -> Any:
-    """Declare a dataclass field with its meaning (unit in brackets) and its range."""
+    """Declare a dataclass field with its meaning (unit in brackets) and its range.
+
+    One that is ``live`` may change while a session runs; the others hold from its start.
+    """
     return dataclasses.field(
         default=default,
         metadata={
@@ -52,6 +56,7 @@ def setting(
             "minimum": minimum,
             "maximum": maximum,
             "choices": choices,
+            "live": live,
         },
     )
 
@@ -71,6 +76,7 @@ class MotionSettings:
         "White noise of one velocity sample on each axis [m/s], with process_noise: white_twist",
         minimum=0.0,
         maximum=LARGEST_RATE,
+        live=True,
     )
     angular_velocity_noise_std: float = setting(
         0.05,
@@ -78,6 +84,7 @@ class MotionSettings:
         "white_twist",
         minimum=0.0,
         maximum=LARGEST_RATE,
+        live=True,
     )
     process_variance: float = setting(
         1e-10,
@@ -85,6 +92,7 @@ class MotionSettings:
         "constant",
         minimum=0.0,
         maximum=LARGEST_VARIANCE,
+        live=True,
     )
     prior_pose_variance: float = setting(
         0.0,
@@ -126,17 +134,20 @@ class SlamSettings(MotionSettings):
         "block and its track",
         minimum=1,
         maximum=MOST_FRAMES,
+        live=True,
     )
     rest_after_rejection: int = setting(
         20,
         "Feature frames for which a track whose observation was rejected is left out",
         minimum=0,
         maximum=MOST_FRAMES,
+        live=True,
     )
     track_continuity: bool = setting(
         True,
         "Find frozen frames, which repeat the last pixels while the body moves, and begin the "
         "repeated tracks anew",
+        live=True,
     )
     frozen_share: float = setting(
         0.5,
@@ -144,6 +155,7 @@ class SlamSettings(MotionSettings):
         "to the last bit",
         minimum=0.0,
         maximum=1.0,
+        live=True,
     )
     frozen_motion: float = setting(
         0.1,
@@ -151,6 +163,7 @@ class SlamSettings(MotionSettings):
         "repeat their pixels honestly, as those of a standing car do [px]",
         minimum=0.0,
         maximum=LARGEST_PIXEL,
+        live=True,
     )
     feature_fraction: float = setting(
         1.0,
@@ -166,6 +179,7 @@ class SlamSettings(MotionSettings):
         "and joint costs the cube of their number",
         minimum=1,
         maximum=20_000,
+        live=True,
     )
     max_pending: int = setting(
         5000,
@@ -198,6 +212,30 @@ def settings_from_dict(cls: type[S], values: Mapping[str, Any]) -> S:
 def changed(settings: S, **values: Any) -> S:
     """Put values by name over settings, checked as :func:`settings_from_dict` does."""
     return settings_from_dict(type(settings), {**dataclasses.asdict(settings), **values})
+
+
+def is_live(field: "dataclasses.Field[Any]") -> bool:
+    """Whether a setting may change while a session runs."""
+    return bool(field.metadata.get("live", False))
+
+
+def differences(before: S, after: S) -> dict[str, tuple[Any, Any]]:
+    """Settings that differ, by name: their value before and after."""
+    return {
+        field.name: (getattr(before, field.name), getattr(after, field.name))
+        for field in dataclasses.fields(before)
+        if getattr(before, field.name) != getattr(after, field.name)
+    }
+
+
+def require_live(before: S, after: S) -> None:
+    """Raise a SettingsError where settings differ that hold from the start of a session."""
+    live = {field.name for field in dataclasses.fields(before) if is_live(field)}
+    for name, (_, value) in differences(before, after).items():
+        if name not in live:
+            raise SettingsError(
+                f"{name}: {value!r} cannot be set while the estimate runs; start it with that"
+            )
 
 
 def nearest_name(name: str, declared: Iterable[str]) -> str:

@@ -11,7 +11,7 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vislam_ros.core.filters.estimator import Estimator, Pose
+from vislam_ros.core.filters.estimator import Estimator, Pose, require_possible, tune
 from vislam_ros.core.filters.flat_settings import completed
 from vislam_ros.core.filters.registry import Surroundings, estimator_named
 from vislam_ros.core.geometry import se3
@@ -58,6 +58,8 @@ class Slam:
 
     Attributes
     ----------
+    settings : SlamSettings
+        Of the next step; :meth:`change_settings` replaces them.
     refused : RefusalCounts
         Messages of predictions and features that were not used.
     resets : int
@@ -89,7 +91,7 @@ class Slam:
             raise SettingsError(
                 f"estimator: {settings.estimator!r} needs a map; set map_file to one"
             )
-        self._settings = settings
+        self._settings = self.settings = settings
         self._given_map = given_map if self._registration.needs_map else None
         self._record = record
         self._camera: StereoCamera | None = None
@@ -102,7 +104,7 @@ class Slam:
 
     def _clear(self) -> None:
         """Forget all messages and the estimate, but not the camera."""
-        streams = (Stream.PREDICTION, Stream.FEATURES)
+        streams = Stream.PREDICTION, Stream.FEATURES
         time_jumps = dict.fromkeys(streams, self._settings.time_jump)
         self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
@@ -110,24 +112,17 @@ class Slam:
         self._begin_pass(0)
 
     def _begin_pass(self, pass_number: int) -> None:
-        settings = self._settings
         self._pass = pass_number
         self._estimator: Estimator | None = None
         self._camera_in_use: StereoCamera | None = None
         self._rectification_in_use: PixelRectification | None = None
-        smoothable = self._registration.smoothable
-        self._tape = Tape() if self._record and smoothable else None
+        self._tape = Tape() if self._record else None
         self._verdict: Verdict | None = None
         self._stamps: list[int] = []
         self._last_stamp: int | None = None
         self._velocity: Array = np.zeros(3)
         self._frame_rate = FrameRate()
-        self._tracks = Tracks(
-            settings.retire_after,
-            settings.frozen_share if settings.track_continuity else None,
-            settings.rest_after_rejection,
-            most=settings.max_active,
-        )
+        self._tracks = Tracks.of(self._settings)
 
     @property
     def waiting(self) -> tuple[int, ...]:
@@ -161,6 +156,15 @@ class Slam:
     def _keep_pass(self) -> None:
         if self._estimator is not None:
             self.previous_map, self.previous_verdict = self.best_landmarks(), self.verdict()
+
+    def change_settings(self, settings: SlamSettings) -> None:
+        """Take other settings from the next step on, or raise as :meth:`require_possible`."""
+        self.require_possible(settings)
+        self.settings = settings
+
+    def require_possible(self, settings: SlamSettings) -> None:
+        """Raise a SettingsError where settings cannot be taken while the session runs."""
+        require_possible(self._estimator, self.settings, settings)
 
     def set_camera(
         self, camera: StereoCamera, rectification: PixelRectification | None = None
@@ -257,8 +261,7 @@ class Slam:
     def landmarks(self) -> LandmarkMap:
         """Return the whole map as it stands."""
         if self._estimator is None:
-            empty = np.empty(0, dtype=np.uint32)
-            return LandmarkMap(empty, empty, np.empty((0, 3)), np.empty((0, 3, 3)))
+            return LandmarkMap.empty()
         if self._given_map is not None:
             return self._given_map
         keys, positions, covariances = self._estimator.landmarks()
@@ -298,15 +301,14 @@ class Slam:
             path = self._paths.get(frame.pass_number)
             pass_is_over = self._passes.number(Stream.PREDICTION) > frame.pass_number
             covered = path is not None and path.reaches(frame.stamp)
-            if covered and path is not None and not path.begins_after(frame.stamp):
-                steps.append(self._step(self._pending.take(), path))
-            elif covered or pass_is_over:
-                # No prediction that is still to come can tell where this frame was taken.
-                self.refused.add(
-                    Stream.FEATURES, Refusal.NO_PREDICTION, self._pending.take().stamp
-                )
-            else:
+            if not (covered or pass_is_over):
                 break
+            frame = self._pending.take()
+            if covered and path is not None and not path.begins_after(frame.stamp):
+                steps.append(self._step(frame, path))
+            else:
+                # No prediction that is still to come can tell where this frame was taken.
+                self.refused.add(Stream.FEATURES, Refusal.NO_PREDICTION, frame.stamp)
         return steps
 
     def _step(self, frame: PendingFrame, path: PredictedPath) -> SlamStep:
@@ -316,6 +318,7 @@ class Slam:
             self._paths = {n: p for n, p in self._paths.items() if n >= frame.pass_number}
             self._begin_pass(frame.pass_number)
             self.resets += 1
+        self._take_settings()
         if self._last_stamp is None:
             increment = Increment(np.eye(4), 0.0, np.zeros((6, 6)))
         else:
@@ -332,7 +335,7 @@ class Slam:
             frame.ids,
             frame.pixels,
             lambda: self._motion_expected(increment),
-            missed=self._frames_missed(increment),
+            missed=self._frame_rate.enter(increment.duration),
             noise=frame.noise,
         )
         outcome = self._estimator.step(increment, tracked)
@@ -374,19 +377,18 @@ class Slam:
             ms=(time.perf_counter() - begin) * 1e3,
         )
 
-    def _new_estimator(self, camera: StereoCamera) -> Estimator:
-        tracks = self._tracks
-        given = Surroundings(
-            camera, self._tape, self._given_map, lambda keys: tracks.identity(keys)[0]
-        )
-        return self._registration.made(self._settings, given)
+    def _take_settings(self) -> None:
+        """Take the settings that were told since the last step."""
+        if self._settings is not self.settings:
+            self._settings = self.settings
+            self._tracks.follow(self.settings)
+            for path in self._paths.values():
+                path.settings = self.settings
+            tune(self._estimator, self.settings)
 
-    def _frames_missed(self, increment: Increment) -> int:
-        """Frames that are missing before the one at the end of an increment."""
-        if not increment.duration:
-            return 0
-        self._frame_rate.add(increment.duration)
-        return self._frame_rate.missed(increment.duration)
+    def _new_estimator(self, camera: StereoCamera) -> Estimator:
+        given = Surroundings(camera, self._tape, self._given_map, self._tracks.ids_of)
+        return self._registration.made(self._settings, given)
 
     def _motion_expected(self, increment: Increment) -> bool:
         """Tell whether the predicted motion moves the last frame's pixels noticeably."""

@@ -4,6 +4,7 @@
 
 import dataclasses
 import sys
+from array import array
 from collections.abc import Callable, Container
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -17,7 +18,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from vislam_ros.core.filters.flat_settings import setting_owners, slam_settings, unused_note
-from vislam_ros.core.settings import SlamSettings, nearest_name, settings_from_dict
+from vislam_ros.core.settings import (
+    SlamSettings,
+    is_live,
+    nearest_name,
+    settings_from_dict,
+)
 from vislam_ros.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -26,7 +32,12 @@ if TYPE_CHECKING:
 S = TypeVar("S", bound="DataclassInstance")
 
 
-def declare_settings(node: Node, cls: type[S], on_change: Callable[[S], None] | None = None) -> S:
+def declare_settings(
+    node: Node,
+    cls: type[S],
+    on_change: Callable[[S], None] | None = None,
+    check: Callable[[S], None] = lambda _settings: None,
+) -> S:
     """Declare a parameter for each field of a settings dataclass and return the values.
 
     A whole number given for a double is taken as one, as it is in ``vislam solve``.
@@ -37,8 +48,10 @@ def declare_settings(node: Node, cls: type[S], on_change: Callable[[S], None] | 
     cls : type
         Frozen dataclass whose fields were made with :func:`vislam_ros.core.settings.setting`.
     on_change : callable, optional
-        Called with new settings after a parameter was set at run time. Without it the parameters
-        are read-only.
+        Called with new settings after a parameter was set at run time. Without it all parameters
+        are read-only, and with it those whose setting is not live.
+    check : callable, optional
+        Raises a SettingsError where new settings cannot be taken now, though they are in range.
 
     Raises
     ------
@@ -55,15 +68,19 @@ def declare_settings(node: Node, cls: type[S], on_change: Callable[[S], None] | 
         node.declare_parameter(
             field.name,
             list(value) if isinstance(value, tuple) else value,
-            _descriptor(field, read_only=on_change is None),
+            _descriptor(field, read_only=on_change is None or not is_live(field)),
             ignore_override=True,
         )
     if on_change is not None:
-        _follow_changes(node, cls, on_change)
+        _follow_changes(node, cls, on_change, check)
     return settings
 
 
-def declare_slam_settings(node: Node) -> SlamSettings:
+def declare_slam_settings(
+    node: Node,
+    on_change: Callable[[SlamSettings], None] | None = None,
+    check: Callable[[SlamSettings], None] = lambda _settings: None,
+) -> SlamSettings:
     """Declare the parameters of the chosen estimator and return their values.
 
     Those of other estimators are checked and not declared: they change nothing, and a line in
@@ -75,7 +92,7 @@ def declare_slam_settings(node: Node) -> SlamSettings:
         As :func:`declare_settings`, and where there is no such estimator.
     """
     values = estimator_overrides(node)
-    settings = declare_settings(node, type(slam_settings(values)))
+    settings = declare_settings(node, type(slam_settings(values)), on_change, check)
     note = unused_note(values)
     if note:
         node.get_logger().warning(note)
@@ -118,7 +135,9 @@ def _descriptor(field: "dataclasses.Field[Any]", *, read_only: bool) -> Paramete
     low, high = metadata.get("minimum"), metadata.get("maximum")
     choices = f" ({', '.join(metadata['choices'])})" if metadata.get("choices") else ""
     descriptor = ParameterDescriptor(
-        description=metadata.get("description", "") + choices, read_only=read_only
+        description=metadata.get("description", "") + choices,
+        read_only=read_only,
+        additional_constraints="holds from the start of the node to its end" if read_only else "",
     )
     if low is None and high is None:
         return descriptor
@@ -139,23 +158,33 @@ def _descriptor(field: "dataclasses.Field[Any]", *, read_only: bool) -> Paramete
     return descriptor
 
 
-def _follow_changes(node: Node, cls: type[S], on_change: Callable[[S], None]) -> None:
+def _follow_changes(
+    node: Node, cls: type[S], on_change: Callable[[S], None], check_now: Callable[[S], None]
+) -> None:
     names = {field.name for field in dataclasses.fields(cls)}
 
     def current(changes: list[Parameter]) -> S:
         values = {name: node.get_parameter(name).value for name in names}
         values.update({change.name: change.value for change in changes if change.name in names})
+        for name, value in values.items():
+            if isinstance(value, array):  # rclpy's list of numbers
+                values[name] = value.tolist()
         return settings_from_dict(cls, values)
 
+    def concern(changes: list[Parameter]) -> bool:
+        return any(change.name in names for change in changes)
+
     def check(changes: list[Parameter]) -> SetParametersResult:
+        if not concern(changes):
+            return SetParametersResult(successful=True)
         try:
-            current(changes)
+            check_now(current(changes))
         except SettingsError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def apply(changes: list[Parameter]) -> None:
-        if any(change.name in names for change in changes):
+        if concern(changes):
             on_change(current(changes))
 
     node.add_on_set_parameters_callback(check)

@@ -43,12 +43,10 @@ from vislam_ros.data.results.recording import STOPPED, Pose, Raw, Recording
 from vislam_ros.errors import SettingsError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor, neighbour
-from vislam_ros.nodes.parameters import (
-    declare_settings,
-    warn_of_undeclared_overrides,
-)
+from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
 from vislam_ros.nodes.recorder.ending import Ending
 from vislam_ros.nodes.recorder.map_request import MapRequest
+from vislam_ros.nodes.recorder.parameter_changes import Changes, changes_from_values
 from vislam_ros.nodes.recorder.parameter_query import ParameterQuery
 from vislam_ros.nodes.settings import RecorderSettings
 from vislam_ros.nodes.slam_report import (
@@ -73,7 +71,7 @@ QUERIED = ("imu_prediction_node", "slam_node")
 """Nodes whose parameters go into ``params.yaml``."""
 
 _TICK_SECONDS = 0.1
-_Step = tuple[Pose, Any, Row, Raw, float, int]
+_Step = tuple[Pose, Any, Row, Raw, float, int, Changes]
 
 
 class RecorderNode(Node):
@@ -132,8 +130,9 @@ class RecorderNode(Node):
         """Take what a step did."""
         values = conversions.status_values(message, "slam_step")
         row, latency_ms, number = row_from_values(values)
+        step = (row, raw, latency_ms, number, changes_from_values(values))
         stamp = decoding.stamp_of(message.header)
-        self._take_step(stamp, self._pairs.add(1, stamp, (row, raw, latency_ms, number)))
+        self._take_step(stamp, self._pairs.add(1, stamp, step))
 
     def _take_step(self, stamp: int, pair: tuple[Any, Any] | None) -> None:
         if pair is None:
@@ -145,7 +144,7 @@ class RecorderNode(Node):
             self._add_steps(self._ending.take(stamp, step))
 
     def _add_steps(self, steps: list[_Step]) -> None:
-        for pose, covariance, row, raw_row, latency_ms, number in steps:
+        for pose, covariance, row, raw_row, latency_ms, number, changes in steps:
             first_of_pass = bool(row["first_of_pass"])
             if not first_of_pass and self._recorded.has(number, pose.stamp):
                 self.monitor.refuse(Refusal.DUPLICATE, stamp=pose.stamp)
@@ -153,6 +152,7 @@ class RecorderNode(Node):
             if not (self._recorded.count or self._has_player()) and number > 1:
                 self._ledger.join()
             self.recording.add_step(pose, covariance, row, raw_row, latency_ms=latency_ms)
+            self.recording.add_changes(pose.stamp, "slam_node", changes)
             self._recorded.add(number, pose.stamp, first_of_pass=first_of_pass)
             self._steps += 1
             self._last_progress = time.monotonic()

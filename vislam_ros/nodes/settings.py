@@ -52,10 +52,16 @@ class SlamOutputSettings:
     """What slam_node publishes beside its odometry; may change while it runs."""
 
     publish_tf: bool = setting(
-        True, "Publish map_frame -> odom_frame on /tf, where tf2_msgs is installed"
+        True,
+        "Publish map_frame -> odom_frame on /tf, where tf2_msgs is installed",
+        live=True,
     )
     path_length: int = setting(
-        1000, "Poses kept in slam/path; 0 turns the topic off", minimum=0, maximum=100_000
+        1000,
+        "Poses kept in slam/path; 0 turns the topic off",
+        minimum=0,
+        maximum=100_000,
+        live=True,
     )
     landmarks_period: float = setting(
         1.0,
@@ -63,6 +69,7 @@ class SlamOutputSettings:
         "oftener by the clock; 0 publishes landmarks on request only [s]",
         minimum=0.0,
         maximum=LONGEST_TIME,
+        live=True,
     )
 
 

@@ -21,6 +21,7 @@ from vislam_ros.core.filters.registry import estimator_named
 from vislam_ros.core.filters.settings import GivenMapSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.landmarks import LandmarkMap
+from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.step import SlamStep
 from vislam_ros.data.bags import decoding, layout
@@ -37,6 +38,7 @@ from vislam_ros.nodes.parameters import (
     warn_of_undeclared_overrides,
 )
 from vislam_ros.nodes.recorder.map_request import map_answer
+from vislam_ros.nodes.recorder.parameter_changes import ParameterChanges
 from vislam_ros.nodes.settings import SlamNodeSettings, SlamOutputSettings
 from vislam_ros.nodes.slam_report import SlamReport, step_values
 from vislam_ros.nodes.spin import run
@@ -49,8 +51,11 @@ class SlamNode(Node):
     def __init__(self, **options: Any):
         super().__init__("slam_node", **options)
         self._settings = declare_settings(self, SlamNodeSettings)
+        self._changes = ParameterChanges(self.get_logger())
         self._output = declare_settings(self, SlamOutputSettings, self._change_output)
-        slam_settings = declare_slam_settings(self)
+        slam_settings = declare_slam_settings(
+            self, self._change_settings, lambda settings: self.core.require_possible(settings)
+        )
         given_map = None
         if isinstance(slam_settings, GivenMapSettings) and slam_settings.map_file:
             given_map = read_landmarks(Path(slam_settings.map_file))
@@ -152,7 +157,8 @@ class SlamNode(Node):
                 odometry.header.stamp,
                 [
                     conversions.status(
-                        "slam_step", step_values(row, latency_ms, self._report.steps)
+                        "slam_step",
+                        step_values(row, latency_ms, self._report.steps, self._changes.take()),
                     )
                 ],
                 settings.map_frame,
@@ -228,7 +234,12 @@ class SlamNode(Node):
         self.monitor.report()
         return True
 
+    def _change_settings(self, settings: SlamSettings) -> None:
+        self._changes.note(self.core.settings, settings)
+        self.core.change_settings(settings)
+
     def _change_output(self, output: SlamOutputSettings) -> None:
+        self._changes.note(self._output, output)
         self._output = output
         self._path = deque(self._path, maxlen=output.path_length)
 

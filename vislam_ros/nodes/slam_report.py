@@ -14,6 +14,7 @@ from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.core.verdict.reason import Judgement, Word
 from vislam_ros.data.results.summary import peak_rss_mb
 from vislam_ros.nodes.diagnostics import stamp_age, values_if_over
+from vislam_ros.nodes.recorder.parameter_changes import Changes, change_values
 
 if TYPE_CHECKING:
     # The recorder reads what is told here, and has no use for the estimators.
@@ -26,7 +27,9 @@ _NUMBER = "number"
 PRESENT, PREVIOUS = "verdict", "previous verdict"
 
 
-def step_values(row: Row, latency_ms: float, number: int) -> dict[str, object]:
+def step_values(
+    row: Row, latency_ms: float, number: int, changes: Changes | None = None
+) -> dict[str, object]:
     """Values of a status on ``slam/steps``: all numbers as JSON in one of them.
 
     A message of forty values costs both ends ten times as much as one of a line does.
@@ -39,12 +42,15 @@ def step_values(row: Row, latency_ms: float, number: int) -> dict[str, object]:
         From receiving the features to publishing their pose, milliseconds.
     number : int
         How many steps the node has published, this one included.
+    changes : mapping, optional
+        Parameters that hold from this step on.
     """
-    return {_ROW: json.dumps({**row, _LATENCY: latency_ms, _NUMBER: number}, default=float)}
+    numbers = {**row, _LATENCY: latency_ms, _NUMBER: number}
+    return {_ROW: json.dumps(numbers, default=float), **change_values(changes or {})}
 
 
 def row_from_values(values: Mapping[str, str]) -> tuple[Row, float, int]:
-    """Inverse of :func:`step_values`.
+    """Inverse of :func:`step_values`, but for the changes.
 
     Raises
     ------

@@ -3,14 +3,16 @@
 """What every filter takes and gives."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.columns import Estimate
 from vislam_ros.core.motion import Increment, Twist
+from vislam_ros.core.settings import SlamSettings, differences, require_live
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
+from vislam_ros.errors import SettingsError
 
 Array = NDArray[np.float64]
 
@@ -90,3 +92,38 @@ class Estimator(Protocol):
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
+
+
+class Tunable(Protocol):
+    """An estimator whose own settings may change while it runs, those that are ``live``."""
+
+    def change_settings(self, settings: Any) -> None:
+        """Take settings of its class, from the next step on."""
+
+
+def tune(estimator: Estimator | None, settings: SlamSettings) -> None:
+    """Give a :class:`Tunable` estimator other settings; the others keep theirs."""
+    if _is_tunable(estimator):
+        cast(Tunable, estimator).change_settings(settings)
+
+
+def require_possible(
+    estimator: Estimator | None, before: SlamSettings, after: SlamSettings
+) -> None:
+    """Raise a SettingsError where settings differ that cannot be changed in a running session.
+
+    These are what is not live and, once there is an estimator, what is its own where it is not
+    :class:`Tunable`. What belongs to every session the session itself follows.
+    """
+    require_live(before, after)
+    for name in differences(before, after):
+        own = estimator is not None and not hasattr(SlamSettings, name)
+        if own and not _is_tunable(estimator):
+            raise SettingsError(
+                f"{name}: estimator {after.estimator!r} takes no other value while it runs; give "
+                "it a method change_settings"
+            )
+
+
+def _is_tunable(estimator: Estimator | None) -> bool:
+    return hasattr(estimator, "change_settings")

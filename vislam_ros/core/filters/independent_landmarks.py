@@ -57,6 +57,12 @@ class IndependentLandmarks:
         """Number of landmarks, marginalized ones included."""
         return self._marginalized.count + len(self.keys)
 
+    def change(
+        self, settings: IndependentLandmarkSettings, observation: StereoObservation
+    ) -> None:
+        """Take other settings and another model of the observations."""
+        self._settings, self._observation = settings, observation
+
     def has_depth(self, pixels: Array) -> NDArray[np.bool_]:
         """Tell which observations (n, 4) have disparity enough for a position."""
         return pixels[:, 0] - pixels[:, 2] >= self._settings.min_disparity
@@ -150,6 +156,12 @@ class IndependentLandmarkFilter:
             self._initialization_covariance(),
         )
         return replace(outcome, admitted=int(new.sum()))
+
+    def change_settings(self, settings: IndependentLandmarkSettings) -> None:
+        """Take other settings."""
+        self._settings = settings
+        self._observation = StereoObservation(self._observation.camera, settings.pixel_variance)
+        self._landmarks.change(settings, self._observation)
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""

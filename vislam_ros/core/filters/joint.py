@@ -121,6 +121,11 @@ class JointFilter:
             np.concatenate([covariances, self._state.landmark_covariances()]),
         )
 
+    def change_settings(self, settings: JointSettings) -> None:
+        """Take other settings."""
+        self._settings = settings
+        self._observation = StereoObservation(self._observation.camera, settings.pixel_variance)
+
     def _has_depth(self, pixels: Array) -> NDArray[np.bool_]:
         return pixels[:, 0] - pixels[:, 2] >= self._settings.min_disparity
 

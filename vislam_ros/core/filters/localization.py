@@ -119,6 +119,11 @@ class LocalizationFilter:
             nis_dof=residual.size,
         )
 
+    def change_settings(self, settings: LocalizationSettings) -> None:
+        """Take other settings."""
+        self._settings = settings
+        self._observation = StereoObservation(self._observation.camera, settings.pixel_variance)
+
     def landmarks(self) -> tuple[Keys, Array, Array]:
         """Keys -1 (M,), world positions (M, 3) and covariances (M, 3, 3) of the given map."""
         return np.full(len(self._ids), -1), self._means, self._covariances

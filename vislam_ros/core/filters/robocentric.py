@@ -30,8 +30,7 @@ taken sample by sample, and where samples are missing, 3 is left out:
 7. Landmarks seen for the first time are initialized.
 8. Bias and none are weighed against each other; what is told is their mean (see bias_belief).
 
-``test/twins/dense_robocentric.py`` is the same filter in plain numpy, without regard to speed; a
-test holds the two together to 1e-9.
+A test holds it to the same filter in plain numpy, ``test/twins/dense_robocentric.py``, to 1e-9.
 """
 
 from dataclasses import replace
@@ -60,7 +59,10 @@ from vislam_ros.core.filters.robocentric_model import (
     SIZE,
     TWIST,
     TWIST_ROWS,
+    learn_motion,
+    motion_priors,
     prior_covariance,
+    track_priors,
     transition_of,
     twist_error,
     walk_densities,
@@ -128,29 +130,29 @@ class RobocentricFilter:
         self._camera = camera
         self._observation = StereoObservation(camera, settings.pixel_variance)
         self._frame_rate = FrameRate()
-        self._motion_noise = MotionNoise(
-            np.repeat([settings.velocity_noise_std, settings.angular_velocity_noise_std], 3),
-            np.repeat([settings.velocity_walk_std, settings.angular_velocity_walk_std], 3),
-            self._frame_rate,
-        )
+        self._motion_noise = MotionNoise(*motion_priors(settings), self._frame_rate)
         self._twist_variance = self._motion_noise.twist_variance
-        self._track_noise = TrackNoise(
-            np.diag(self._observation.image_point_noise).copy(),
-            settings.disparity_offset_std,
-            self._frame_rate,
-            learns=settings.learn_noise,
-        )
+        priors = track_priors(settings, self._observation)
+        self._track_noise = TrackNoise(*priors, self._frame_rate, learns=settings.learn_noise)
         self._track_runs = TrackRuns()
         self._walk_densities = walk_densities(settings)
         self._state = ErrorState(prior_covariance(settings), SIZE, tape)
         self._marginalized = ImagePointMap(camera)
         self._believed: BiasBelief | None = None  # of the present state
         self.T_world_body = np.eye(4)
-        self.twist = np.zeros(6)
-        self.gyro_bias = np.zeros(3)
+        self.twist, self.gyro_bias = np.zeros(6), np.zeros(3)
         self.kappa = 0.0
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.image_points: Array = np.empty((0, 3))
+
+    def change_settings(self, settings: RobocentricSettings) -> None:
+        """Take other settings; noise that is told anew is learned from there."""
+        self._settings = settings
+        self._observation = StereoObservation(self._camera, settings.pixel_variance)
+        self._walk_densities = walk_densities(settings)
+        self._motion_noise.tell(*motion_priors(settings))
+        priors = track_priors(settings, self._observation)
+        self._track_noise.tell(*priors, learns=settings.learn_noise)
 
     @property
     def covariance(self) -> Array:
@@ -195,7 +197,9 @@ class RobocentricFilter:
             self._marginalize(is_member(self.keys, frame.keys))
             outcome = Outcome(rejected=frame.keys[known])
         if self._settings.learn_noise and parts and measured is not None and outcome.used:
-            self._learn_motion_noise(*before, measured, tau)
+            P = self._state.vehicle_covariance
+            error = twist_error(measured, self.twist, self.gyro_bias)
+            learn_motion(self._motion_noise, before, self.twist, P, error, tau)
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)
@@ -264,8 +268,8 @@ class RobocentricFilter:
         if len(behind_camera):
             self._marginalize(~warped.ahead)
             warped = warp(self._camera, self.image_points, motion)
-        F = transition_of(self._camera, self.image_points, warped, motion, self.twist, tau)
-        self._apply(F)
+        y = self.image_points
+        self._apply(transition_of(self._camera, y, warped, motion, self.twist, tau))
         self.T_world_body = self.T_world_body @ motion
         self.image_points = warped.y
         return behind_camera
@@ -310,15 +314,6 @@ class RobocentricFilter:
         if gate > 0 and np.any(distances > gate):
             agreed = gating.without(agreed, distances > gate, together.residual)
         return agreed._replace(indices=alone[agreed.indices])
-
-    def _learn_motion_noise(
-        self, twist_before: Array, variances_before: Array, measured: Array, tau: float
-    ) -> None:
-        """Learn the noise of the motion from a step of tau seconds that vision has seen."""
-        P, H = self._state.vehicle_covariance, TWIST_ROWS
-        change, variances = self.twist - twist_before, P.diagonal()[TWIST]
-        error, spread = twist_error(measured, self.twist, self.gyro_bias), np.sum((H @ P) * H, 1)
-        self._motion_noise.update(change, variances_before, variances, error, spread, tau)
 
     def _initialize(self, keys: Keys, pixels: Array, factors: Array) -> None:
         """Add landmarks at their first observation."""

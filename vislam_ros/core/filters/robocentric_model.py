@@ -34,8 +34,10 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
+from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import Warp
 from vislam_ros.core.motion import FIRST_TWIST_STD
+from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.operations.transition import Transition
 
 Array = NDArray[np.float64]
@@ -71,11 +73,56 @@ def walk_densities(settings: RobocentricSettings) -> Array:
     return densities
 
 
+def motion_priors(settings: RobocentricSettings) -> tuple[Array, Array]:
+    """Noise (6,) of a measured twist and random walk (6,) of the twist, standard deviations."""
+    noise = [settings.velocity_noise_std, settings.angular_velocity_noise_std]
+    walk = [settings.velocity_walk_std, settings.angular_velocity_walk_std]
+    return np.repeat(noise, 3), np.repeat(walk, 3)
+
+
+def track_priors(
+    settings: RobocentricSettings, observation: StereoObservation
+) -> tuple[Array, float]:
+    """Variances (3,) of image points, and the standard deviation of a disparity's offset."""
+    return observation.image_point_noise.diagonal().copy(), settings.disparity_offset_std
+
+
 def twist_error(measured: Array, twist: Array, gyro_bias: Array) -> Array:
     """What a measured twist (6,) is off from the estimate, the bias taken into account."""
     error = measured - twist
     error[3:] -= gyro_bias
     return error
+
+
+def learn_motion(
+    noise: MotionNoise,
+    before: tuple[Array, Array],
+    twist: Array,
+    P: Array,
+    error: Array,
+    tau: float,
+) -> None:
+    """Learn the noise of the motion from a step that vision has seen.
+
+    Parameters
+    ----------
+    noise : MotionNoise
+    before : tuple of ndarray, (6,)
+        The twist and its variances before the step's measurements.
+    twist : ndarray, (6,)
+        After them, metres and radians a second.
+    P : ndarray, (16, 16)
+        Covariance of the vehicle state after them.
+    error : ndarray, (6,)
+        Of the measured twist, see :func:`twist_error`.
+    tau : float
+        Seconds of the step.
+    """
+    H = TWIST_ROWS
+    twist_before, variances_before = before
+    spread = np.sum((H @ P) * H, axis=1)
+    change, variances = twist - twist_before, P.diagonal()[TWIST]
+    noise.update(change, variances_before, variances, error, spread, tau)
 
 
 def transition_of(

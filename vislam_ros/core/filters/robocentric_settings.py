@@ -19,12 +19,14 @@ class RobocentricSettings(ObservationSettings):
         "Random walk of the velocity on each axis, white acceleration noise [m/s/sqrt(s)]",
         minimum=0.0,
         maximum=LARGEST_RATE,
+        live=True,
     )
     angular_velocity_walk_std: float = setting(
         0.05,
         "Random walk of the angular velocity on each axis [rad/s/sqrt(s)]",
         minimum=0.0,
         maximum=LARGEST_RATE,
+        live=True,
     )
     gyro_bias_std: float = setting(
         0.02,
@@ -38,11 +40,13 @@ class RobocentricSettings(ObservationSettings):
         "Random walk of the gyroscope's bias [rad/s/sqrt(s)]",
         minimum=0.0,
         maximum=LARGEST_RATE,
+        live=True,
     )
     learn_noise: bool = setting(
         True,
         "Learn the noise of the tracks and the twist's random walk as the filter goes; what is "
         "told is the start",
+        live=True,
     )
     disparity_offset_std: float = setting(
         0.5,
@@ -50,6 +54,7 @@ class RobocentricSettings(ObservationSettings):
         "such errors; 0 means that there is none",
         minimum=0.0,
         maximum=LARGEST_PIXEL,
+        live=True,
     )
     lens_distortion_std: float = setting(
         0.03,

@@ -25,6 +25,7 @@ class ObservationSettings(SlamSettings):
         "use three exact rows in place of four",
         minimum=1e-12,
         maximum=LARGEST_VARIANCE,
+        live=True,
     )
     chi2_gate: float = setting(
         16.27,
@@ -32,6 +33,7 @@ class ObservationSettings(SlamSettings):
         "rejected; 0 turns the gate off",
         minimum=0.0,
         maximum=LARGEST_GATE,
+        live=True,
     )
     pixel_gate: float = setting(
         0.0,
@@ -39,6 +41,7 @@ class ObservationSettings(SlamSettings):
         "gate off",
         minimum=0.0,
         maximum=LARGEST_PIXEL,
+        live=True,
     )
 
 
@@ -57,6 +60,7 @@ class WorldLandmarkSettings(ObservationSettings):
         "Variance of each axis of a new landmark [m^2], with landmark_initialization: independent",
         minimum=0.0,
         maximum=LARGEST_VARIANCE,
+        live=True,
     )
     min_disparity: float = setting(
         1.0,
@@ -64,4 +68,5 @@ class WorldLandmarkSettings(ObservationSettings):
         "metres are not known [px]",
         minimum=1e-3,
         maximum=LARGEST_PIXEL,
+        live=True,
     )

@@ -35,6 +35,13 @@ class FrameRate:
         self._usual = statistics.median(self._durations)
         self.hertz = max(round(1.0 / self._usual), _LEAST_RATE)
 
+    def enter(self, tau: float) -> int:
+        """Add a step of tau seconds, if it took any; return the frames missed in it."""
+        if not tau:
+            return 0
+        self.add(tau)
+        return self.missed(tau)
+
     def missed(self, tau: float) -> int:
         """Frames that should have come within a step of tau seconds and did not."""
         return max(round(tau / self._usual) - 1, 0)

@@ -71,14 +71,30 @@ class MotionNoise:
 
     def __init__(self, twist_std: Array, walk_std: Array, rate: FrameRate):
         self._rate = rate
-        self._differences = TwistNoise(twist_std, rate)
+        self._told = twist_std, walk_std
+        self._measures_velocity = True
+        self.walk_variance: Array = np.square(walk_std)
+        self._begin(twist_std)
+
+    def _begin(self, twist_std: Array) -> None:
+        """Begin to learn the noise of the measured twist."""
+        self._differences = TwistNoise(twist_std, self._rate)
         self._learned = 0
         self._unexplained: Array = np.zeros(6)
         # Absolute errors of the measured twist by step, and what their median makes of the noise.
         self._errors: deque[Array] = deque()
         self._typical: Array = np.zeros(6)
-        self._measures_velocity = True
-        self.walk_variance: Array = np.square(walk_std)
+
+    def tell(self, twist_std: Array, walk_std: Array) -> None:
+        """Go on from priors (6,) that are other than before; what is as before stays as learned.
+
+        The noise of the measured twist is then learned anew, on all axes.
+        """
+        anew, walks_anew = twist_std != self._told[0], walk_std != self._told[1]
+        self._told = twist_std, walk_std
+        self.walk_variance = np.where(walks_anew, np.square(walk_std), self.walk_variance)
+        if np.any(anew):
+            self._begin(np.where(anew, twist_std, self._differences.std))
 
     def add(self, twist: Array) -> None:
         """Add a measured twist (6,), its velocity NaN where there is none."""

@@ -143,6 +143,13 @@ class TrackNoise:
         common = max(self.level - 1.0, 0.0)
         return (factors + common * self.usual_factor) / (1.0 + common)
 
+    def tell(self, variances: Array, offset_std: float, *, learns: bool) -> None:
+        """Go on with other priors; variances that are new count as they are told, at level 1."""
+        if np.any(variances != self._variances):
+            self._variances, self.level = variances, 1.0
+        self._offset_variance = offset_std**2
+        self._learns = learns
+
     @property
     def has_offsets(self) -> bool:
         """Whether disparities keep an offset for the life of their track."""

@@ -32,10 +32,15 @@ class PredictedPath:
     Only increments are ever taken from it, so a lost prediction costs nothing but its share of
     process noise: the pose at its stamp is interpolated on SE(3) between its neighbours, whose
     own pose sums up all twists.
+
+    Attributes
+    ----------
+    settings : MotionSettings
+        May be replaced at any time; the noise of later increments is made by it.
     """
 
     def __init__(self, settings: MotionSettings):
-        self._settings = settings
+        self.settings = settings
         self._stamps: list[int] = []
         self._poses: list[Array] = []
         self._spans: list[int] = []  # for which the sample of a stamp stands [ns]
@@ -136,7 +141,7 @@ class PredictedPath:
         """Noise of a stretch that lies between two neighbouring poses."""
         after = bisect_left(self._stamps, end)
         whole = self._stamps[after] - self._stamps[after - 1]
-        W = process_covariance(self._settings, whole * 1e-9, (end - begin) / whole)
+        W = process_covariance(self.settings, whole * 1e-9, (end - begin) / whole)
         if not self._velocity_known[after]:
             W[:3, :3] = UNKNOWN_VELOCITY_VARIANCE * ((end - begin) * 1e-9) ** 2 * np.eye(3)
         return W

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.compiled import compiled
+from vislam_ros.core.settings import SlamSettings
 from vislam_ros.core.tracking.spread import best_spread
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 
@@ -91,6 +92,20 @@ class Tracks:
         self._next_generation: dict[int, int] = {}
         self._next_key = 0
 
+    @classmethod
+    def of(cls, settings: SlamSettings) -> "Tracks":
+        """Make a table that follows the rules of a session."""
+        tracks = cls(settings.retire_after, None)
+        tracks.follow(settings)
+        return tracks
+
+    def follow(self, settings: SlamSettings) -> None:
+        """Follow the rules of a session from the next frame on."""
+        self._most = settings.max_active
+        self._retire_after = settings.retire_after
+        self._frozen_share = settings.frozen_share if settings.track_continuity else None
+        self._rest_after_rejection = settings.rest_after_rejection
+
     @property
     def ids_seen(self) -> int:
         """Number of different ids so far."""
@@ -105,6 +120,10 @@ class Tracks:
         self._id_of_key = [np.concatenate(self._id_of_key)]
         self._generation_of_key = [np.concatenate(self._generation_of_key)]
         return self._id_of_key[0][keys], self._generation_of_key[0][keys]
+
+    def ids_of(self, keys: Keys) -> NDArray[np.uint32]:
+        """Ids of keys (n,)."""
+        return self.identity(keys)[0]
 
     def observe(
         self,

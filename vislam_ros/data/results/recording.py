@@ -80,6 +80,8 @@ class _Pass:
         self.last_stamp: int | None = None
         self.map_stamp: int | None = None
         self.finished = False
+        # By node, of parameters that were changed: their value when the pass began.
+        self.began_with: dict[str, dict[str, Any]] = {}
         self._early: list[Raw] = []
 
     @property
@@ -154,7 +156,8 @@ class Recording:
         self._record_mcap = record_mcap
         self._count = 1
         self._parameters: Mapping[str, Mapping[str, Any]] = {}
-        self._early: deque[ResultWriter] = deque(maxlen=2)  # of passes that were over before these
+        self._changed: dict[str, dict[str, Any]] = {}  # by node, to their present value
+        self._early: deque[_Pass] = deque(maxlen=2)  # passes that were over before these
         self._prediction_pass = 0
         # slam_node tells of those that it refused for their stamp.
         self._prediction_order: TimeOrder[Pose] = TimeOrder(
@@ -251,10 +254,31 @@ class Recording:
             self._current.write_raw(raw)
 
     def set_parameters(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
-        """Write ``params.yaml``: node, then name, then value."""
+        """Write ``params.yaml``: node, then name, then value, of those that a pass began with."""
         self._parameters = parameters
-        for writer in (*self._early, self._current.writer):
-            writer.set_parameters(parameters)
+        for results in (*self._early, self._current):
+            self._write_parameters(results)
+
+    def add_changes(self, stamp: int, node: str, changes: Mapping[str, tuple[Any, Any]]) -> None:
+        """Add parameters of a node that changed, their values before and from a step (ns) on."""
+        if not changes:
+            return
+        current = self._current
+        for name, (before, value) in changes.items():
+            current.began_with.setdefault(node, {}).setdefault(name, before)
+            self._changed.setdefault(node, {})[name] = value
+            current.writer.add_change(stamp, node, name, before, value)
+        self._write_parameters(current)
+
+    def _write_parameters(self, results: _Pass) -> None:
+        if self._parameters:
+            began_with = results.began_with
+            results.writer.set_parameters(
+                {
+                    node: {**own, **began_with.get(node, {})}
+                    for node, own in self._parameters.items()
+                }
+            )
 
     def set_process(self, *, peak_rss_mb: float | None, resets: int) -> None:
         """Set what only slam_node knows of itself."""
@@ -313,9 +337,9 @@ class Recording:
         self._current = self._open(
             pass_directory(self._directory, self._count), self._previous.time_pass + jumped
         )
-        if self._parameters:
-            self._current.writer.set_parameters(self._parameters)
-        self._early.append(self._previous.writer)
+        self._current.began_with = {node: dict(own) for node, own in self._changed.items()}
+        self._write_parameters(self._current)
+        self._early.append(self._previous)
         held, self._held = self._held, []
         for time_pass, pose in held:
             if time_pass > self._current.time_pass:

@@ -36,6 +36,8 @@ class RunSummary:
         Of the process that ran the estimator (see :func:`peak_rss_mb`).
     resets : int
         How often the estimate began anew.
+    parameter_changes : int
+        Parameters that were changed while it ran.
     refused : mapping of str to int
         Messages that were refused, by stream and reason (see core.tracking.refusals).
     refused_first : mapping of str to str
@@ -53,6 +55,7 @@ class RunSummary:
     tracks: int | None = None
     peak_rss_mb: float | None = None
     resets: int = 0
+    parameter_changes: int = 0
     refused: Mapping[str, int] = field(default_factory=dict)
     refused_first: Mapping[str, str] = field(default_factory=dict)
     latencies_ms: "array[float]" = field(default_factory=lambda: array("d"))
@@ -113,6 +116,7 @@ class RunSummary:
             "latency_ms_p99": percentile(self.latencies_ms, 99),
             "peak_rss_mb": self.peak_rss_mb,
             "resets": self.resets,
+            "parameter_changes": self.parameter_changes,
             "refused": dict(self.refused),
             "refused_first": dict(self.refused_first),
             "verdict": self.verdict.word.value if self.verdict else None,
@@ -139,7 +143,7 @@ _TYPES: Mapping[str, tuple[type, ...]] = {
     **dict.fromkeys(("rejected_fraction", "nis_per_dof", "wall_s", "total_s", "drive_s"), _NUMBER),
     **dict.fromkeys(("realtime_factor", "step_ms_p50", "step_ms_p99", "peak_rss_mb"), _NUMBER),
     **dict.fromkeys(("latency_ms_p50", "latency_ms_p99"), _NUMBER),
-    "resets": _COUNT,
+    **dict.fromkeys(("resets", "parameter_changes"), _COUNT),
     "gyro_bias": (list, type(None)),
     "refused": (dict,),
     "refused_first": (dict,),

@@ -8,6 +8,7 @@ and the summary are replaced as whole files, about once a second.
 
 import csv
 import io
+import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -37,6 +38,9 @@ COVARIANCE_COLUMNS = (
     *(f"{_TANGENT[i]}_{_TANGENT[j]}" for i, j in zip(*UPPER_TRIANGLE, strict=True)),
 )
 
+#: Of ``parameter_changes.csv``, values as JSON has them.
+CHANGE_COLUMNS = ("stamp", "node", "parameter", "before", "value")
+
 #: All that a run, its evaluation and its pictures leave in a result directory.
 OWNED_FILES = (
     "trajectory.tum",
@@ -45,6 +49,7 @@ OWNED_FILES = (
     "smoothed.tum",
     "smoothed_covariance.csv",
     "steps.csv",
+    "parameter_changes.csv",
     "landmarks.npz",
     "landmarks.ply",
     "params.yaml",
@@ -205,6 +210,12 @@ class ResultWriter:
         """Add a pose of the prediction at a stamp (ns); the rest as for :meth:`add_step`."""
         self._append_pose("dead_reckoning.tum", stamp, position, quaternion)
         self.refresh()
+
+    def add_change(self, stamp: int, node: str, name: str, before: Any, value: Any) -> None:
+        """Add a parameter that changed: its value before, and that from a step's stamp (ns) on."""
+        row = (stamp_text(stamp), node, name, json.dumps(before), json.dumps(value))
+        self._append_row("parameter_changes.csv", CHANGE_COLUMNS, row)
+        self.summary.parameter_changes += 1
 
     def set_landmarks(self, landmarks: LandmarkMap) -> None:
         """Replace the map, on disk within about a second of further rows, or at a flush."""
