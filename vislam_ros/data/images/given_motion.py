@@ -143,6 +143,7 @@ def _moved(images: StereoImages, given: GivenMotion) -> StereoImages:
         images,
         rig=rig,
         motion=given.motion,
+        turns=None,
         ground_truth=truth,
         notes=(*images.notes, *given.notes),
     )

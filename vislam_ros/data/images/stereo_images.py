@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.stereo_rig import StereoRig
 from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.frontend.turns import turn_between
 
 
 class RawImage(NamedTuple):
@@ -59,6 +60,12 @@ class Motion:
         accelerations = None if self.accelerations is None else self.accelerations[rows]
         return Motion(self.stamps[rows], self.twists[rows], accelerations)
 
+    def turn_between(self, begin: int, end: int) -> NDArray[np.float64] | None:
+        """Rotation (3, 3) of the body between two stamps (ns), or None; see
+        :func:`vislam_ros.frontend.turns.turn_between`.
+        """
+        return turn_between(self.stamps, self.twists[:, 3:], begin, end)
+
     @classmethod
     def of_imu(
         cls,
@@ -90,10 +97,15 @@ class StereoImages:
     timed : bool
         Whether the source tells when the images were taken.
     motion : Motion or None
+    turns : Motion or None
+        What the gyroscope measured, where that is not the motion itself: a first guess for tracking.
     ground_truth : Trajectory or None
         Poses of the body in its first pose's frame, where they are known.
     notes : tuple of str
         What was taken for what, repaired or left out, a sentence each.
+    is_of_graph : bool
+        Whether a bag holds them under the names of the live graph, so that the nodes can be sent
+        what it holds as it stands.
     """
 
     name: str
@@ -103,8 +115,10 @@ class StereoImages:
     reader: PairReader
     timed: bool = True
     motion: Motion | None = None
+    turns: Motion | None = None
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
+    is_of_graph: bool = False
 
     def __len__(self) -> int:
         return len(self.stamps)
