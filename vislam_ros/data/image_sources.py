@@ -3,7 +3,6 @@
 """Images of whatever kind a command is given, and the motion for them from another file."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
@@ -59,23 +58,6 @@ def read_images(
     VislamError
         Where they cannot be read, or fit to no motion.
     """
-    images = _read_images(path, motion, conventions, rules, topics, namespace)
-    if images.is_of_graph and motion is None:
-        return images
-    # It brings OpenCV, which takes a while to import.
-    from vislam_ros.data.images.told_rig import ToldRig
-
-    return replace(images, rig=ToldRig.of(images.rig).heard(), is_of_graph=False)
-
-
-def _read_images(
-    path: Path,
-    motion: Path | None,
-    conventions: Conventions,
-    rules: ReadingRules,
-    topics: Mapping[str, str] | None,
-    namespace: str,
-) -> StereoImages:
     of_bags = (rules, dict(topics or {}), namespace)
     given = None if motion is None else read_motion(motion, conventions, *of_bags)
     for each in _FOLDERS:

@@ -75,9 +75,7 @@ class PairTracker:
         VislamError
             Where an image has another size than its camera, or an encoding that cannot be read.
         """
-        greys = [
-            stream.grey(*raw) for stream, raw in zip(self._greys, (left, right), strict=True)
-        ]
+        greys = [stream.grey(*raw) for stream, raw in zip(self._greys, (left, right), strict=True)]
         self._left, rectified_right = self._rectification.rectify(greys[0], greys[1])
         R_camera_body = self.camera.T_camera_body[:3, :3]
         R_now_before = None if turn is None else R_camera_body @ turn.T @ R_camera_body.T

@@ -144,6 +144,7 @@ def _moved(images: StereoImages, given: GivenMotion) -> StereoImages:
         rig=rig,
         motion=given.motion,
         turns=None,
+        is_of_graph=False,
         ground_truth=truth,
         notes=(*images.notes, *given.notes),
     )

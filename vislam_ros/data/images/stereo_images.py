@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.stereo_rig import StereoRig
 from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.errors import VislamError
 from vislam_ros.frontend.turns import turn_between
 
 
@@ -61,9 +62,7 @@ class Motion:
         return Motion(self.stamps[rows], self.twists[rows], accelerations)
 
     def turn_between(self, begin: int, end: int) -> NDArray[np.float64] | None:
-        """Rotation (3, 3) of the body between two stamps (ns), or None; see
-        :func:`vislam_ros.frontend.turns.turn_between`.
-        """
+        """Rotation (3, 3) of the body between two stamps (ns), or None where unknown."""
         return turn_between(self.stamps, self.twists[:, 3:], begin, end)
 
     @classmethod
@@ -98,7 +97,7 @@ class StereoImages:
         Whether the source tells when the images were taken.
     motion : Motion or None
     turns : Motion or None
-        What the gyroscope measured, where that is not the motion itself: a first guess for tracking.
+        What the gyroscope measured, where that is not the motion itself: for the tracker.
     ground_truth : Trajectory or None
         Poses of the body in its first pose's frame, where they are known.
     notes : tuple of str
@@ -122,6 +121,22 @@ class StereoImages:
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    def known_motion(self) -> Motion:
+        """Motion in the time of the images.
+
+        Raises
+        ------
+        VislamError
+            Where nothing tells it, or the times of the images.
+        """
+        if self.motion is None or not self.timed:
+            what = "the motion" if self.motion is None else "the times of the images"
+            raise VislamError(
+                f"{self.name}: nothing tells {what}: give a dataset or a bag that does with "
+                "--motion"
+            )
+        return self.motion.during(self.stamps)
 
     def pairs(self) -> Iterator[StereoPair]:
         """Read the pairs, in the order of their stamps.

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.images.stereo_images import StereoImages
-from vislam_ros.errors import VislamError
+from vislam_ros.data.images.told_rig import ToldRig
 from vislam_ros.frontend.pair_tracker import PairTracker
 from vislam_ros.frontend.settings import TrackerSettings
 
@@ -39,14 +39,10 @@ def tracked_drive(
     VislamError
         Where nothing tells the motion or the times, or an image cannot be read.
     """
-    motion = images.motion
-    if motion is None or not images.timed:
-        what = "the motion" if motion is None else "the times of the images"
-        raise VislamError(
-            f"{images.name}: nothing tells {what}: give a dataset or a bag that does with --motion"
-        )
-    motion, turning = motion.during(images.stamps), images.turns or motion
-    tracker = PairTracker(images.rig, settings)
+    motion = images.known_motion()
+    turning = images.turns or motion
+    rig = images.rig if images.is_of_graph else ToldRig.of(images.rig).heard()
+    tracker = PairTracker(rig, settings)
     stamps: list[int] = []
     ids: list[NDArray[np.uint32]] = [np.empty(0, dtype=np.uint32)]
     pixels: list[NDArray[np.float32]] = [np.empty((0, 4), dtype=np.float32)]

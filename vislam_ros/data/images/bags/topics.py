@@ -72,9 +72,7 @@ class ImageTopics:
             tuple(topic.recorded for topic in pair)
             for pair in ((LEFT_IMAGE, RIGHT_IMAGE), (LEFT_COMPRESSED, RIGHT_COMPRESSED))
         ]
-        return images in usual and all(
-            self.names.get(topic) == topic.recorded for topic in needed
-        )
+        return images in usual and all(self.names.get(topic) == topic.recorded for topic in needed)
 
     @property
     def rectified(self) -> bool:
