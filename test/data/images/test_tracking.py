@@ -13,6 +13,7 @@ from imagery.folders import (
     PERIOD,
     SHIFT,
     SIZE,
+    SPEED,
     STAMPS,
     write_asl,
     write_course,
@@ -109,6 +110,22 @@ def test_turns_add_up_over_whole_samples_and_parts_of_them() -> None:
     middle = int(stamps[20]) + 300_000
     both = turn_between(motion, begin, middle) @ turn_between(motion, middle, end)
     np.testing.assert_allclose(both, expected, atol=1e-14)
+
+
+def test_tracks_tell_what_twists_of_a_dataset_without_features_mean(tmp_path: Path) -> None:
+    images = write_course(tmp_path / "course")
+    data = images.with_name("dataset00.npz")
+    arrays = dict(np.load(data))
+    del arrays["features"]
+    # Forward, right and down; the extrinsics are forward, left and up.
+    arrays["linear_velocity"] = -arrays["linear_velocity"]
+    np.savez(data, **arrays)
+    drive = load_drive(images)
+    assert not any("dead reckoning" in note for note in drive.notes)
+    assert any("forward-right-down" in note.split("(others")[0] for note in drive.notes)
+    # Turned to forward, left and up.
+    np.testing.assert_allclose(drive.twists[:, 1], -SPEED)
+    np.testing.assert_allclose(drive.camera.T_body_camera, CAMERA.T_body_camera, atol=1e-9)
 
 
 def test_there_is_no_turn_beyond_the_motion() -> None:
