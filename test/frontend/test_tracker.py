@@ -242,6 +242,27 @@ def test_an_image_of_another_size_or_type_is_told(camera: StereoCamera) -> None:
         tracker.track(right, right.astype(float))
 
 
+def test_images_may_be_read_only_and_parts_of_others(
+    camera: StereoCamera, walk: Sequence[Shot]
+) -> None:
+    wide = [np.concatenate([image, image], axis=1) for image in (walk[0].left, walk[0].right)]
+    parts = [image[:, :376] for image in wide]
+    for image in parts:
+        image.flags.writeable = False
+    frame = StereoTracker(camera, (376, 240), SETTINGS).track(parts[0], parts[1])
+    assert_array_equal(frame.pixels, tracked(camera, walk[:1])[0].pixels)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (16, 400), (17, 17), (40, 30)])
+def test_small_images_are_no_trouble(camera: StereoCamera, size: tuple[int, int]) -> None:
+    rng = np.random.default_rng(9)
+    tracker = StereoTracker(camera, size)
+    for _ in range(2):
+        left = rng.integers(0, 255, size[::-1], dtype=np.uint8)
+        frame = tracker.track(left, left)
+        assert frame.pixels.shape == (len(frame.ids), 4)
+
+
 def test_the_same_images_give_the_same_tracks(camera: StereoCamera, walk: Sequence[Shot]) -> None:
     for one, other in zip(tracked(camera, walk[:4]), tracked(camera, walk[:4]), strict=True):
         assert_array_equal(one.ids, other.ids)

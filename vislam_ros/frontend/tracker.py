@@ -158,7 +158,8 @@ class StereoTracker:
                 f"{name} image: is {image.shape} of {image.dtype}, not ({height}, {width}) of "
                 "uint8: give the rectified grey image of the camera's size"
             )
-        return np.ascontiguousarray(image)
+        # What comes from a message may be read-only, which compiled loops do not take.
+        return np.require(image, np.uint8, ["C", "W"])
 
     def _followed(self, points: Points, before: Grey, left: Grey) -> tuple[Points, Floats]:
         """Points that are in the left image still, and the covariances (n, 3) of their places."""
