@@ -88,6 +88,13 @@ def test_images_without_motion_or_times_are_refused(tmp_path: Path) -> None:
         load_drive(folder)
 
 
+def test_a_motion_that_was_refused_as_a_whole_is_told(tmp_path: Path) -> None:
+    names = {role: name for role, name in OURS.items() if role != "twist"} | {"imu": "/imu/data"}
+    bag = write_messages(tmp_path / "bag", drive_messages(names))
+    with pytest.raises(VislamError, match=r"Skipped 8 messages of /imu/data: .*'imu_frame'"):
+        load_drive(bag)
+
+
 def test_motion_for_what_holds_no_images_is_refused(tmp_path: Path) -> None:
     data = write_dataset(tmp_path / "drive.npz")
     with pytest.raises(VislamError, match=r"drive\.npz: holds no images: leave out --motion"):

@@ -50,8 +50,11 @@ def tracked_drive(
     motion = images.motion
     if motion is None or not images.timed:
         what = "the motion" if motion is None else "the times of the images"
+        # A reader may have refused all of it.
+        skipped = "".join(f" ({note.rstrip('.')})" for note in images.notes if "Skipped" in note)
         raise VislamError(
-            f"{images.name}: nothing tells {what}: give a dataset or a bag that does with --motion"
+            f"{images.name}: nothing tells {what}: give a dataset or a bag that does with "
+            f"--motion{skipped}"
         )
     motion = motion.during(images.stamps)
     rectification = Rectification(images.rig)
