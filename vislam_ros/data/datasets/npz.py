@@ -44,6 +44,7 @@ from vislam_ros.errors import VislamError
 Array = NDArray[np.float64]
 
 FEATURES = "features"
+NO_FEATURES = "There are no features: what is left is dead reckoning."
 SPELLINGS = {
     "time stamps": ("time_stamps", "timestamps"),
     "linear velocity": ("linear_velocity", "v_t"),
@@ -188,7 +189,7 @@ def _features(
 ) -> tuple[DenseFeatures, list[str]]:
     """Observations, and notes on how they were found."""
     if FEATURES not in arrays:
-        return no_features(steps), ["There are no features: what is left is dead reckoning."]
+        return no_features(steps), [NO_FEATURES]
     stream = arrays[FEATURES]()
     axes, order = _axes(path, stream.shape, steps), []
     if axes != (0, 1, 2):
