@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 
 from vislam_ros.cli.exit_codes import OK
-from vislam_ros.cli.lines import answer
+from vislam_ros.cli.lines import answer, tell_next
 from vislam_ros.core.settings import settings_from_dict
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
@@ -28,4 +28,5 @@ def run(arguments: argparse.Namespace) -> int:
         f"{arguments.output}: {drive.steps} steps, {drive.tracks} tracks, "
         f"{int(simulated.frozen.sum())} frozen steps; truth in {truth}"
     )
+    tell_next("run", str(arguments.output), "--out", f"results/{arguments.output.stem}")
     return OK
