@@ -8,7 +8,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
-from places import SHARED_DATA
+from places import SHARED_DATA, SHARED_IMAGES
 
 # Threads of BLAS and of pytest-xdist would fight for the cores. Read when numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -30,3 +30,11 @@ def shared_data() -> Path:
             f"needs the real drives, which are not in {SHARED_DATA}: set VISLAM_SHARED_DATA"
         )
     return SHARED_DATA
+
+
+@pytest.fixture(scope="session")
+def shared_images() -> Path:
+    """Folder of real stereo images."""
+    if not (SHARED_IMAGES / "kitti_0020" / "calib.txt").is_file():
+        pytest.skip(f"needs the real images, which are not in {SHARED_IMAGES}")
+    return SHARED_IMAGES

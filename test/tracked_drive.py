@@ -82,7 +82,9 @@ def run(
     """Drive a filter step by step; each step's input and outcome."""
     tracks = Tracks(settings.retire_after, settings.frozen_share, settings.rest_after_rejection)
     for k, increment in enumerate(increments(drive, settings)):
-        frame = tracks.observe(*drive.frame(k), motion_expected=partial(bool, k > 0))
+        frame = tracks.observe(
+            *drive.frame(k), motion_expected=partial(bool, k > 0), noise=drive.noise_of(k)
+        )
         outcome = estimator.step(increment, frame)
         tracks.restart(outcome.rejected, rest=outcome.agrees_with_most)
         yield increment, frame, outcome

@@ -26,6 +26,8 @@ from benchmark.consistency.noise_redrawn import redraw
 from benchmark.consistency.simulated_drives import CELLS, SMALL_DISPARITY, MonteCarlo
 from benchmark.consistency.track_errors import disparity_errors
 from benchmark.drive_times import solve_as_command, solve_here
+from benchmark.frontend.image_sets import image_sets
+from benchmark.frontend.stage_times import measure_frontend
 from benchmark.machine import describe_machine
 from benchmark.peers.comparison import PeerComparison
 from benchmark.peers.gtsam_runs import gtsam_is_installed
@@ -197,6 +199,11 @@ class Bench:
         )
         return {"data": self._drive.name, "redrawn": redrawn}
 
+    def frontend(self) -> Report:
+        """The front end's stages beside bare OpenCV calls, and the quality of its tracks."""
+        frames, repeats = (6, 1) if self._quick else (51, 3)
+        return measure_frontend(image_sets(SHARED_DATA, frames), repeats)
+
     def battery(self) -> Report:
         """Errors on many kinds of drives; half an hour, and only where it is named."""
         slam, prediction = self._settings
@@ -253,6 +260,7 @@ SECTIONS: dict[str, Callable[[Bench], Report]] = {
     "consistency": Bench.consistency,
     "tracks": Bench.tracks,
     "redrawn": Bench.redrawn,
+    "frontend": Bench.frontend,
     "battery": Bench.battery,
 }
 # What runs when none is named: the battery takes about half an hour on two cores.

@@ -112,6 +112,7 @@ def main() -> int:
     parser.set_defaults(
         imu_frame="auto", twist_index="auto", twist_origin="auto", extrinsics="auto"
     )
+    parser.set_defaults(format=None, namespace="", remap=(), motion=None)
     try:
         reproduce(parser.parse_args())
     except VislamError as error:

@@ -12,10 +12,13 @@ from vislam_ros.cli.main import main
 from vislam_ros.cli.parser import build_parser
 from vislam_ros.data.datasets import conventions
 from vislam_ros.data.datasets.extrinsics import READINGS
+from vislam_ros.data.evaluation.alignment import ALIGNMENTS
+from vislam_ros.data.evaluation.association import MAX_DIFFERENCE
 from vislam_ros.data.simulation.simulate import SimulationSettings
+from vislam_ros.data.trajectory_files import FILE_FORMATS
 from vislam_ros.nodes.player.options import PlayOptions
 
-COMMANDS = ("simulate", "convert", "play", "run", "solve", "evaluate", "plot", "verify")
+COMMANDS = ("simulate", "convert", "play", "run", "solve", "evaluate", "export", "plot", "verify")
 
 
 @pytest.mark.parametrize(
@@ -87,6 +90,12 @@ def test_choices_of_reading_are_those_of_the_reader():
     assert shared.TWIST_INDICES == conventions.TWIST_INDICES
     assert shared.TWIST_ORIGINS == conventions.TWIST_ORIGINS
     assert shared.EXTRINSICS == conventions.EXTRINSICS == ("auto", *READINGS)
+
+
+def test_choices_of_evaluation_are_those_of_the_evaluation():
+    assert shared.ALIGNMENTS == ALIGNMENTS
+    assert shared.MAX_DIFFERENCE == MAX_DIFFERENCE
+    assert shared.FILE_FORMATS == FILE_FORMATS
 
 
 def test_loop_and_clock_need_no_number():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from places import SHARED_CASES
 
-from vislam_ros.data.evaluation.evaluate import associate, relative_errors
+from vislam_ros.data.evaluation.association import associate
+from vislam_ros.data.evaluation.relative import relative_errors
 from vislam_ros.data.loading import load_drive
 from vislam_ros.data.solving import solve
 from vislam_ros.data.trajectory import Trajectory, read_tum

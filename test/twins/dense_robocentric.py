@@ -121,8 +121,10 @@ class DenseRobocentricFilter:
         known = [i for i, key in enumerate(keys) if key in self.place_of_key]
         new = [i for i, key in enumerate(keys) if key not in self.place_of_key]
         rejected = []
+        factors = self.factors(frame)
         if known:
-            rejected = self.correct([keys[i] for i in known], frame.pixels[known])
+            seen = [keys[i] for i in known], frame.pixels[known], factors[known]
+            rejected = self.correct(*seen)
             sampled = bool(increment.parts) and measured is not None
             if self.settings.learn_noise and sampled and len(rejected) < len(known):
                 change = self.estimate[TWIST] - twist
@@ -131,7 +133,7 @@ class DenseRobocentricFilter:
                 after = np.diag(self.P)[TWIST]
                 error_variance = np.diag(H @ self.P @ H.T)
                 self.motion_noise.update(change, variances, after, error, error_variance, tau)
-        self.initialize([keys[i] for i in new], frame.pixels[new])
+        self.initialize([keys[i] for i in new], frame.pixels[new], factors[new])
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))
             self.augment(np.eye(6, S), np.zeros((6, 6)), np.zeros(6))
@@ -215,11 +217,22 @@ class DenseRobocentricFilter:
             if seen or place in in_use
         ]
 
-    def correct(self, keys: list[int], pixels: Array) -> list[int]:
+    def factors(self, frame: TrackedFrame) -> Array:
+        """Factors (n,) on V of a frame's observations."""
+        noise = self.track_noise
+        noise.is_stated = frame.noise is not None
+        if frame.noise is None:
+            return np.ones(len(frame.keys))
+        variances = frame.noise**2 / self.told_V[0, 0]
+        noise.usual_factor = float(np.mean(variances))
+        more = max(noise.level - 1, 0)
+        return (variances + more * noise.usual_factor) / max(noise.level, 1)
+
+    def correct(self, keys: list[int], pixels: Array, factors: Array) -> list[int]:
         noise = self.track_noise
         rows = self.rows_of([self.place_of_key[key] for key in keys])
         slots = np.array([self.judged.index(key) for key in keys])
-        variances = noise.variances(slots)
+        variances = noise.variances(slots, factors)
         z = self.image_points(pixels)
         residual = z + self.estimate[LENS] * shift(self.camera, z).real - self.estimate[rows]
         expected = noise.expected(variances, self.estimate[rows])
@@ -234,10 +247,10 @@ class DenseRobocentricFilter:
         agreed = agreeing(gate, residual[:, told], joint, np.flatnonzero(passes).tolist())
         kept = self.that_stay(gate, keys, residual[:, told], joint, agreed)
         rejected = np.delete(keys, kept).tolist()
-        R_0 = noise.level * np.diag(self.image_point_noise(1.0))
-        scales = variances[:, 0] / R_0[0]
+        R_0 = noise.level * np.outer(factors, np.diag(self.image_point_noise(1.0)))
+        scales = variances[:, 0] / R_0[:, 0]
         if self.settings.learn_noise:
-            scales = scales_with_tails(residual[:, told], joint, kept, R_0[told], scales)
+            scales = scales_with_tails(residual[:, told], joint, kept, R_0[:, told], scales)
         # Of four rows, or three where the right pixel tells nothing, each with its own noise.
         used = FOUR_ROWS[:, told].any(axis=1)
         some_rows = FOUR_ROWS[np.ix_(used, told)]
@@ -247,7 +260,7 @@ class DenseRobocentricFilter:
         for i, k in enumerate(kept):
             own_rows = slice(r * i, r * i + r)
             H[own_rows, rows[k, told]] = some_rows
-            V = noise.level * scales[k] * self.told_V
+            V = noise.level * factors[k] * scales[k] * self.told_V
             R[own_rows, own_rows] = V[np.ix_(used, used)]
         # What the numbers leave of the rows is noise alone.
         left = (pixels[kept] - z[kept] @ FOUR_ROWS.T)[:, used]
@@ -256,7 +269,8 @@ class DenseRobocentricFilter:
             each = np.kron(np.eye(len(kept)), some_rows)
             S_inverse = np.linalg.inv(H @ self.P @ H.T + R)
             information = np.diag(each.T @ S_inverse @ each).copy()
-            noise.update(slots[kept], residual[kept], information, each.T @ S_inverse @ innovation)
+            weighted = each.T @ S_inverse @ innovation
+            noise.update(slots[kept], residual[kept], variances[kept], information, weighted)
         self.marginalize(rejected)
         if len(H):
             self.update(H, R, innovation)
@@ -292,12 +306,12 @@ class DenseRobocentricFilter:
         self.estimate[rows] += delta[LENS] * shifted
         self.estimate[POSE] = 0.0
 
-    def initialize(self, keys: list[int], pixels: Array) -> None:
+    def initialize(self, keys: list[int], pixels: Array, factors: Array) -> None:
         z = self.image_points(pixels)
         points = z + self.estimate[LENS] * shift(self.camera, z).real
-        spread = np.sqrt(self.told_V[1, 1] + self.told_V[3, 3])
+        spread = np.sqrt(factors * (self.told_V[1, 1] + self.told_V[3, 3]))
         self.track_noise.initialize_level((pixels[:, 1] - pixels[:, 3]) / spread)
-        noises = self.track_noise.of_new_tracks(points)
+        noises = self.track_noise.of_new_tracks(points, factors)
         for key, y, noise in zip(keys, points, noises, strict=True):
             self.track_noise.add(1)
             self.judged.append(key)

@@ -43,9 +43,9 @@ def scale_with_tail(error: Array, A: Array, R: Array, own: float) -> float:
 
 
 def scales_with_tails(residual: Array, S: Array, kept: list[int], R_0: Array, own: Array) -> Array:
-    """Scales (n,) of the noise R_0 (r,) of innovations, larger for those that are far off."""
+    """Scales (n,) of the noise R_0 (n, r) of innovations, larger for those that are far off."""
     scales = own.copy()
     for i in kept:
         error, C = given_others(residual, S, kept, i)
-        scales[i] = scale_with_tail(error, C - own[i] * np.diag(R_0), R_0, own[i])
+        scales[i] = scale_with_tail(error, C - own[i] * np.diag(R_0[i]), R_0[i], own[i])
     return scales

@@ -16,7 +16,7 @@ from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.smoothing.smoothed_drive import SmoothedDrive
 from vislam_ros.core.step import SlamStep
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.evaluation.evaluate import associate_stamps
+from vislam_ros.data.evaluation.association import associate_stamps
 from vislam_ros.data.solving import feed, trajectory_of
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
 

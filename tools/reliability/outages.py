@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.evaluation.evaluate import associate_stamps, compare, relative_errors
+from vislam_ros.data.evaluation.association import associate_stamps
+from vislam_ros.data.evaluation.evaluate import compare
+from vislam_ros.data.evaluation.relative import relative_errors
 from vislam_ros.data.solving import solve
 from vislam_ros.data.sweeps.worker_pool import available_cores, in_processes
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory

@@ -13,7 +13,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
 from report.experiments import EXPERIMENTS, ExperimentResult
-from vislam_ros.data.evaluation.evaluate import compare, first_pose_alignment
+from vislam_ros.data.evaluation.alignment import first_pose_alignment
+from vislam_ros.data.evaluation.evaluate import compare
 from vislam_ros.data.pictures import palette
 from vislam_ros.data.trajectory import Trajectory
 

@@ -5,10 +5,10 @@
 import argparse
 
 from vislam_ros import __version__
-from vislam_ros.cli.grammar.data import add_convert, add_simulate
+from vislam_ros.cli.grammar.data import add_convert, add_simulate, add_track
 from vislam_ros.cli.grammar.estimation import add_run, add_solve, add_sweep
 from vislam_ros.cli.grammar.playing import add_play
-from vislam_ros.cli.grammar.results import add_evaluate, add_plot, add_verify
+from vislam_ros.cli.grammar.results import add_evaluate, add_export, add_plot, add_verify
 from vislam_ros.cli.grammar.shared import RETURNS
 
 
@@ -31,12 +31,14 @@ a first run:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for add in (
         add_simulate,
+        add_track,
         add_convert,
         add_play,
         add_run,
         add_solve,
         add_evaluate,
         add_plot,
+        add_export,
         add_verify,
         add_sweep,
     ):

@@ -21,7 +21,8 @@ def renamed_topics(arguments: argparse.Namespace) -> dict[str, str]:
     VislamError
         Where there is no bag whose topics could have names.
     """
-    if arguments.remap and arguments.data.exists() and not is_bag(arguments.data):
+    bags = [path for path in (arguments.data, arguments.motion) if path and is_bag(path)]
+    if arguments.remap and arguments.data.exists() and not bags:
         raise VislamError(f"{arguments.data}: is no bag: leave out --remap, which is for topics")
     pairs = (rule.partition(":=") for rule in arguments.remap)
     return {ours: recorded for ours, _, recorded in pairs}

@@ -15,7 +15,7 @@ from vislam_ros.data.loading import load_passes
 
 
 def read_input(arguments: argparse.Namespace, rules: ReadingRules) -> tuple[Drive, ...]:
-    """Read the dataset or bag ``DATA_OR_BAG``, pass by pass, and tell what was repaired."""
+    """Read the data that a command is given, pass by pass, and tell what was repaired."""
     use_format(arguments)
     with progress_bar("reading", 1.0) as update:
         passes = load_passes(
@@ -24,6 +24,7 @@ def read_input(arguments: argparse.Namespace, rules: ReadingRules) -> tuple[Driv
             rules=rules,
             topics=renamed_topics(arguments),
             namespace=arguments.namespace,
+            motion=arguments.motion,
             progress=lambda share: update(share, ""),
         )
     print_notes(passes[0])

@@ -38,6 +38,14 @@ _SUMMARY_ROWS = (
     ("complete", "complete", "{}"),
 )
 
+_FILE_WIDTH = 200  # characters, where no terminal says how wide it is
+
+
+def table_console() -> Console:
+    """Standard output for wide tables: no line is folded in a file or a pipe."""
+    console = Console()
+    return console if console.is_terminal else Console(width=_FILE_WIDTH)
+
 
 @contextmanager
 def progress_bar(

@@ -13,8 +13,8 @@ from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import format_of, read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.images import bag
-from vislam_ros.data.images.sources import is_images, read_images
+from vislam_ros.data.image_sources import is_images, read_images
+from vislam_ros.data.images.bags import reader as bag
 from vislam_ros.errors import VislamError
 
 
@@ -40,7 +40,7 @@ def load_passes(
         For bags, see :func:`vislam_ros.data.bags.reader.read_passes`.
     motion : Path or str, optional
         For images, a dataset or a bag with their motion, see
-        :func:`vislam_ros.data.images.sources.read_images`.
+        :func:`vislam_ros.data.image_sources.read_images`.
     progress : callable, optional
         For datasets and images, called with the share done.
 
@@ -114,7 +114,7 @@ def load_images(
     namespace: str = "",
     progress: Progress | None = None,
 ) -> Drive:
-    """Track features through images, see :func:`vislam_ros.data.images.sources.read_images`.
+    """Track features through images, see :func:`vislam_ros.data.image_sources.read_images`.
 
     A bag's damage is not looked for here.
     """

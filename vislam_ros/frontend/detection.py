@@ -21,7 +21,7 @@ Floats = NDArray[np.float32]
 # Corners are taken down to this share of the strongest one: shadows have theirs, too. What is
 # noise finds no partner in the other image.
 _WEAKEST = 0.002
-# Pixels of the half image over which a corner is weighed: a patch of 15 is 7 of them, with less weight at its rim.
+# Pixels of the half image over which a corner is weighed; a patch of 15 is 7 of them.
 _BLOCK = 5
 # Corners to choose from, for each that is wanted.
 _CHOICE = 4

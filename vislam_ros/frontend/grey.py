@@ -69,8 +69,8 @@ class GreyStream:
     """Turns the images of one camera into grey, and scales those of 16 bits all alike.
 
     Cameras use 10, 12, 14 or all of the 16 bits, and thermal ones a small part in the middle. The
-    range is that of the first image, and only ever grows, twofold or more: so the scale changes
-    a few times in a stream's life, and does not follow what is seen.
+    range is that of the first image, with room to spare, and only ever grows: so the scale
+    changes a few times in a stream's life, and does not follow what is seen.
     """
 
     def __init__(self) -> None:

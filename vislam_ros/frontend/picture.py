@@ -71,7 +71,9 @@ def drawn_tracks(left: Grey, tracked: Tracked, trails: Trails | None = None) -> 
     nearness = np.log1p(disparities)
     nearness -= nearness.min()
     nearness /= max(float(nearness.max()), 1e-6)
-    palette = cv2.applyColorMap(np.rint(255 * nearness).astype(np.uint8), cv2.COLORMAP_TURBO)
+    # The ends of the palette are nearly black.
+    shade = np.rint(25 + 210 * nearness).astype(np.uint8)
+    palette = cv2.applyColorMap(shade, cv2.COLORMAP_TURBO)
     colours = palette.reshape(-1, 3).tolist()
     paths = trails.of(tracked.ids) if trails else [place[None] for place in tracked.pixels[:, :2]]
     for path, place, colour in zip(paths, tracked.pixels[:, :2], colours, strict=True):

@@ -158,7 +158,8 @@ class StereoTracker:
                 f"{name} image: is {image.shape} of {image.dtype}, not ({height}, {width}) of "
                 "uint8: give the rectified grey image of the camera's size"
             )
-        return np.ascontiguousarray(image)
+        # What comes from a message may be read-only, which compiled loops do not take.
+        return np.require(image, np.uint8, ["C", "W"])
 
     def _followed(self, points: Points, before: Grey, left: Grey) -> tuple[Points, Floats]:
         """Points that are in the left image still, and the covariances (n, 3) of their places."""
@@ -179,7 +180,7 @@ class StereoTracker:
         else:
             warped, maps, good = moved(camera, y, points.slopes, motion)
             expected_there = warped[:, [0, 2]].astype(np.float32)
-            # What was lost on the way, as near points are, is looked for where it must be.
+            # What was lost, as near points are that grow fast, is looked for where it must be.
             there = np.where(found[:, None], there, expected_there)
             good &= np.linalg.norm(expected_there - there, axis=1) <= settings.off_the_motion
             points.disparities = (warped[:, 0] - warped[:, 1]).astype(np.float32)

@@ -29,7 +29,12 @@ Array = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def drives() -> dict[str, Drive]:
     made = trying_drives(steps=24, landmarks=120, seed=6)
-    return {**made, "gyroscope": made["white"].moved_by("gyro")}
+    stated = np.random.default_rng(7).uniform(0.2, 2.0, len(made["white"].ids))
+    return {
+        **made,
+        "gyroscope": made["white"].moved_by("gyro"),
+        "stated": dataclasses.replace(made["white"], noise=stated.astype(np.float32)),
+    }
 
 
 def told_numbers(outcome: Outcome) -> list[Array]:
@@ -41,7 +46,8 @@ def dense_numbers(dense: DenseRobocentricFilter, told: Told) -> list[Array]:
     mean, std = dense.estimate + told.mean, np.sqrt(np.diag(told.covariance))
     # As far as the bias that there may be is from the one that is told.
     std[BIAS] = np.sqrt(np.diag(dense.P)[BIAS] + told.mean[BIAS] ** 2)
-    pixel_variance = dense.track_noise.level * np.mean(np.diag(dense.told_V))
+    noise = dense.track_noise
+    pixel_variance = noise.level * noise.usual_factor * np.mean(np.diag(dense.told_V))
     twist_std = np.sqrt(dense.motion_noise.twist_variance)
     walk_std = np.sqrt(dense.motion_noise.walk_variance)
     return [
@@ -67,7 +73,7 @@ def assert_map_is_told(
         assert_allclose(covariances[i], covariance, rtol=0, atol=10 * tolerance * size)
 
 
-@pytest.mark.parametrize("kind", ["white", "offsets", "gyroscope"])
+@pytest.mark.parametrize("kind", ["white", "offsets", "gyroscope", "stated"])
 @pytest.mark.parametrize(
     ("pixel_variance", "changes"),
     [

@@ -21,8 +21,10 @@ def track_noise(offset_std: float = 0.5) -> TrackNoise:
 def update(noise: TrackNoise, residual: Array, state: float = 0.0) -> None:
     """Update by residuals (n, 3) of all landmarks, whose points have a variance."""
     used = noise.components
-    S = (noise.variances(np.arange(len(residual))) + state)[:, used].ravel()
-    noise.update(np.arange(len(residual)), residual, 1 / S, residual[:, used].ravel() / S)
+    indices = np.arange(len(residual))
+    variances = noise.variances(indices)
+    S = (variances + state)[:, used].ravel()
+    noise.update(indices, residual, variances, 1 / S, residual[:, used].ravel() / S)
 
 
 def learned(frames: int, std: Array | float, offset: float = 0.0, seed: int = 51) -> TrackNoise:

@@ -6,13 +6,16 @@ import copy
 import itertools
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from rewriting import STORE
+from rewriting import STORE, rewritten
 
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS, Calibration, differences
 from vislam_ros.data.bags.layout import DEFAULT_FRAMES, EXTRINSICS, LEFT_CAMERA, RIGHT_CAMERA
+from vislam_ros.data.bags.reader import read_passes
+from vislam_ros.data.bags.writer import write_bag
 
 
 @pytest.fixture
@@ -68,6 +71,69 @@ def test_projections_that_differ_by_a_rounding_are_a_pair(parts, small_drive, di
     for topic in CALIBRATION_TOPICS:
         calibration.add(topic, parts[topic])
     assert calibration.camera == small_drive.camera
+
+
+def test_a_right_camera_of_its_own_has_its_pixels_mapped(parts, small_drive):
+    calibration = Calibration(DEFAULT_FRAMES)
+    for topic in CALIBRATION_TOPICS:
+        calibration.add(topic, parts[topic])
+    assert calibration.rectification is None
+    right = parts[RIGHT_CAMERA]
+    moved = changed(right, 2, right.p[2] + 3.0)
+    assert calibration.add(RIGHT_CAMERA, moved) == small_drive.camera
+    assert calibration.rectification is not None
+    pixels = small_drive.pixels.astype(float)
+    np.testing.assert_allclose(
+        calibration.rectification.pixels(pixels) - pixels, [[0, 0, -3, 0]] * len(pixels), atol=1e-9
+    )
+    assert not calibration.add(RIGHT_CAMERA, moved)
+    assert differences(small_drive.camera, small_drive.camera) == "intrinsics of the right camera"
+
+
+def test_a_longer_focal_length_keeps_the_baseline(parts, small_drive):
+    calibration = Calibration(DEFAULT_FRAMES)
+    right = parts[RIGHT_CAMERA]
+    longer = changed(right, [0, 3], 1.01 * right.p[[0, 3]])
+    for topic, message in {**parts, RIGHT_CAMERA: longer}.items():
+        calibration.add(topic, message)
+    assert calibration.camera is not None
+    assert calibration.camera.baseline == pytest.approx(small_drive.camera.baseline, rel=1e-14)
+    assert calibration.camera.fx == small_drive.camera.fx
+
+
+def test_a_right_camera_that_stands_higher_turns_both(parts, small_drive):
+    calibration = Calibration(DEFAULT_FRAMES)
+    camera, right = small_drive.camera, parts[RIGHT_CAMERA]
+    # The camera at c has P = K [I | -c]; up is negative.
+    rise = 0.1 * camera.baseline
+    for topic, message in {**parts, RIGHT_CAMERA: changed(right, 7, camera.fy * rise)}.items():
+        calibration.add(topic, message)
+    turned = calibration.camera
+    assert turned is not None
+    assert turned.baseline == pytest.approx(np.hypot(camera.baseline, rise))
+    x_axis = (camera.T_camera_body @ turned.T_body_camera)[:3, 0]
+    np.testing.assert_allclose(x_axis, np.array([10.0, -1.0, 0.0]) / np.sqrt(101.0), atol=1e-12)
+    assert turned.position_body_camera == camera.position_body_camera
+
+
+def test_a_bag_whose_right_camera_is_its_own_is_the_drive_of_the_rectified_pair(
+    small_drive, tmp_path
+):
+    camera = small_drive.camera
+    own = small_drive.pixels.astype(float)
+    own[:, 2] = (own[:, 2] - camera.cx) * 1.01 + camera.cx + 2.0
+    write_bag(replace(small_drive, pixels=own.astype(np.float32)), tmp_path / "bag")
+
+    def change(topic, _, message):
+        if topic != RIGHT_CAMERA.recorded:
+            return message
+        message = changed(message, [0, 3], 1.01 * message.p[[0, 3]])
+        return changed(message, 2, camera.cx + 2.0)
+
+    (drive,) = read_passes(rewritten(tmp_path / "bag", change))
+    np.testing.assert_allclose(drive.pixels, small_drive.pixels, atol=2e-4)
+    assert drive.camera.baseline == pytest.approx(camera.baseline, rel=1e-14)
+    np.testing.assert_array_equal(drive.ids, small_drive.ids)
 
 
 @pytest.mark.parametrize(

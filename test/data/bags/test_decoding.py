@@ -114,7 +114,8 @@ def test_a_cloud_of_any_layout_is_read(first, small_drive):
             padded = padded[:, :50]
         cloud.point_step, cloud.row_step, cloud.is_bigendian = 50, 53, True
         cloud.data = padded.ravel()
-        _, ids_back, pixels_back = DECODERS[FEATURES](cloud)
+        _, ids_back, pixels_back, noise = DECODERS[FEATURES](cloud)
+        assert noise is None
         np.testing.assert_array_equal(ids_back, ids)
         np.testing.assert_array_equal(pixels_back, pixels)
         assert (ids_back.dtype, pixels_back.dtype) == (np.uint32, np.float32)
@@ -122,9 +123,9 @@ def test_a_cloud_of_any_layout_is_read(first, small_drive):
 
 def test_features_are_sorted_by_id(first):
     cloud = first(FEATURES)
-    _, ids, pixels = DECODERS[FEATURES](cloud)
+    _, ids, pixels, _ = DECODERS[FEATURES](cloud)
     cloud.data = cloud.data.reshape(-1, 20)[::-1].ravel()
-    _, ids_back, pixels_back = DECODERS[FEATURES](cloud)
+    _, ids_back, pixels_back, _ = DECODERS[FEATURES](cloud)
     np.testing.assert_array_equal(ids_back, ids)
     np.testing.assert_array_equal(pixels_back, pixels)
 

@@ -148,11 +148,6 @@ def test_unknown_keys_are_ignored_with_a_note(tmp_path):
     assert drive.notes == ("Ignored keys that are no part of the format: colour, weather.",)
 
 
-def test_different_intrinsics_of_the_right_camera_are_noted(tmp_path):
-    content = changed(K=None, K_l=K, K_r=K + np.diag([2.0, 0.0, 0.0]))
-    assert "2 px" in load(save(tmp_path / "drive.npz", content)).notes[0]
-
-
 def test_observations_that_are_not_finite_are_left_out_with_a_note(tmp_path):
     features = dataset()["features"]
     m, t = np.argwhere(features[0] != -1)[0]

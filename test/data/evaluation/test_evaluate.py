@@ -4,30 +4,20 @@
 
 import dataclasses
 import json
-import os
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from evo_commands import evo_statistics
 from numpy.typing import NDArray
 from step_rows import step_row
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.data.evaluation.evaluate import (
-    alignment,
-    associate,
-    compare,
-    distance_pairs,
-    evaluate,
-    evaluate_results,
-    first_pose_alignment,
-    frame_pairs,
-    normalised_errors,
-    path_length,
-)
+from vislam_ros.data.evaluation.alignment import alignment, first_pose_alignment
+from vislam_ros.data.evaluation.association import associate
+from vislam_ros.data.evaluation.consistency import normalised_errors
+from vislam_ros.data.evaluation.evaluate import compare, evaluate, evaluate_results, path_length
+from vislam_ros.data.evaluation.relative import distance_pairs, frame_pairs
 from vislam_ros.data.results.writer import ResultWriter
 from vislam_ros.data.trajectory import Trajectory, read_tum, write_tum
 from vislam_ros.errors import VislamError
@@ -61,24 +51,6 @@ def perturbed(trajectory: Trajectory, seed: int) -> Trajectory:
     return Trajectory.from_matrices(stamps[kept], np.array(drifted)[kept])
 
 
-def evo(tmp_path: Path, command: str, *arguments: str | Path) -> dict[str, float]:
-    """Statistics that an evo command saves, which are those it prints, with all their digits."""
-    program = Path(sys.executable).parent / command
-    if not program.is_file():
-        pytest.skip(f"needs {command} to compare with: pip install evo")
-    saved = tmp_path / "evo.zip"
-    subprocess.run(
-        [program, "tum", *arguments, "--no_warnings", "--save_results", saved],
-        check=True,
-        timeout=120,
-        stdout=subprocess.DEVNULL,
-        env={**os.environ, "HOME": str(tmp_path)},
-    )
-    with zipfile.ZipFile(saved) as archive:
-        statistics: dict[str, float] = json.loads(archive.read("stats.json"))
-    return statistics
-
-
 @pytest.fixture(params=["synthetic", "denser estimate", "0027", "0020", "10_synthetic"])
 def pair(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, Path]:
     """Files of a reference and an estimate."""
@@ -110,8 +82,7 @@ def test_figures_equal_evo(pair: tuple[Path, Path], tmp_path: Path) -> None:
         ("rpe_100m_m", "evo_rpe", metres),
         ("rpe_100m_deg", "evo_rpe", (*metres, *degrees)),
     ):
-        theirs = evo(tmp_path, command, *pair, *options)
-        (tmp_path / "evo.zip").unlink()
+        theirs = evo_statistics(tmp_path, command, *pair, *options)
         for name, value in ours[figure].items():
             assert value == pytest.approx(theirs[name], rel=1e-9, abs=1e-11), (figure, name)
 
@@ -290,7 +261,12 @@ def test_an_estimate_is_evaluated_against_a_reference_from_memory_or_from_files(
     assert vars(evaluation.rpe_frame) == figures["rpe_frame_m"]
     assert vars(evaluation.rpe_frame_deg) == figures["rpe_frame_deg"]
     assert evaluation.nees_per_dof == figures["nees_per_dof"]
+    assert evaluation.nees_inside == figures["nees_inside"]
+    assert evaluation.kitti_percent == figures["kitti"]["translation_percent"]
+    assert evaluation.kitti_deg_per_100m == figures["kitti"]["rotation_deg_per_100m"]
     write_tum(tmp_path / "truth.tum", truth)
     write_tum(tmp_path / "estimate.tum", estimate)
     from_files = evaluate(str(tmp_path / "estimate.tum"), tmp_path / "truth.tum")
-    assert from_files == dataclasses.replace(evaluation, nees_per_dof=None)
+    assert from_files == dataclasses.replace(
+        evaluation, nees_per_dof=None, nees_bounds=None, nees_inside=None
+    )

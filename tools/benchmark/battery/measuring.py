@@ -13,7 +13,7 @@ from typing import Any
 import vislam_ros.core
 import vislam_ros.data
 from benchmark import recorded_drive
-from benchmark.battery import changes, errors, rooms, rows, trials
+from benchmark.battery import changes, rooms, rows, trials
 from benchmark.battery.markdown import markdown
 from benchmark.battery.picture import draw_battery
 from benchmark.battery.rows import BatteryRow
@@ -32,7 +32,7 @@ TABLE, PICTURE = "table.md", "battery.png"
 
 # What decides a trial's figures, besides its settings.
 _PACKAGES = (vislam_ros.core, vislam_ros.data)
-_MODULES = (recorded_drive, changes, errors, rooms, rows, trials)
+_MODULES = (recorded_drive, changes, rooms, rows, trials)
 
 
 @dataclass(frozen=True)

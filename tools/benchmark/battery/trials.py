@@ -15,13 +15,14 @@ import numpy as np
 import threadpoolctl
 
 from benchmark.battery.changes import quarter_of, with_clean_twist, with_sliding_tracks
-from benchmark.battery.errors import stretch_errors
 from benchmark.battery.rooms import FLIGHT, WALK, simulate_in_room
 from benchmark.battery.rows import BatteryRow, Recorded, Simulated, files_of
 from vislam_ros.core.filters import quantities
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.evaluation.association import associate
 from vislam_ros.data.evaluation.evaluate import compare
+from vislam_ros.data.evaluation.relative import stretch_errors
 from vislam_ros.data.loading import load_drive
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 from vislam_ros.data.solving import solve
@@ -100,9 +101,10 @@ def _figures(settings: TrialSettings, trial: Trial) -> dict[str, Any]:
     for name, trajectory in estimates.items():
         if not np.isfinite(trajectory.positions).all():
             raise VislamError(f"{name} is not finite")
-        errors, lengths = stretch_errors(reference, trajectory)
-        figures[f"{name}_percent"] = 100.0 * float(np.mean(errors / lengths))
-        figures[f"{name}_m"] = float(np.mean(errors))
+        i, j = associate(reference, trajectory)
+        stretches = stretch_errors(reference.T_world_body[i], trajectory.T_world_body[j])
+        figures[f"{name}_percent"] = 100.0 * float(np.mean(stretches.metres / stretches.lengths))
+        figures[f"{name}_m"] = float(np.mean(stretches.metres))
         compared = compare(reference, trajectory, trajectory.covariances)
         figures[f"{name}_ate_m"] = compared["ate_m"]["rmse"]
         figures[f"{name}_nees"] = compared["nees_per_dof"]

@@ -29,7 +29,7 @@ from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.core.tracking.tracks import Tracks
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.evaluation.evaluate import associate_stamps
+from vislam_ros.data.evaluation.association import associate_stamps
 from vislam_ros.data.solving import Solution, solve
 from vislam_ros.data.trajectory import Trajectory, moving_steps
 from vislam_ros.errors import VislamError

@@ -20,6 +20,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.output,
             conventions=conventions(arguments),
             reference=arguments.reference,
+            motion=arguments.motion,
             force=arguments.force,
             progress=lambda share: update(share, ""),
         )

@@ -33,6 +33,7 @@ from vislam_ros.data.bags.reader import ReadingRules, check_readable
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.json_file import write_json
 from vislam_ros.data.files.parameter_file import write_parameters
+from vislam_ros.data.images.bags.reader import matches as has_bag_images
 from vislam_ros.data.results.recording import STOPPED, map_patience
 from vislam_ros.data.results.summary import has_ended, read_summary
 from vislam_ros.data.results.writer import pass_directories, refuse_used
@@ -115,10 +116,15 @@ def _ignore_interrupts() -> None:
 
 
 def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> PlayedBag:
-    """Return the bag to play: the one given, if the nodes can use it, or one of the dataset."""
+    """Return the bag to play: the one given, if the nodes can use it, or one made of the data."""
     renamed, namespace = renamed_topics(arguments), arguments.namespace
+    images: dict[str, Any] = {"motion": arguments.motion}
     if is_bag(arguments.data):
         require_intact(arguments.data)
+    if is_bag(arguments.data) and has_bag_images(arguments.data, renamed):
+        images |= {"topics": renamed, "namespace": namespace}
+        renamed = {}
+    elif is_bag(arguments.data):
         check_readable(arguments.data, rules=rules, topics=renamed, namespace=namespace)
         return PlayedBag.of(Path(arguments.data).resolve(), namespace, renamed)
     use_format(arguments)
@@ -130,6 +136,7 @@ def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> P
             conventions=conventions(arguments),
             frames=rules.frames,
             progress=lambda share: update(share, ""),
+            **images,
         )
     print_notes(drive)
     return PlayedBag.of(bag, namespace, renamed)

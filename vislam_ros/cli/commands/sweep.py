@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -17,7 +16,7 @@ from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.lines import answer, tell
 from vislam_ros.cli.parameters import RunParameters, run_parameters
 from vislam_ros.cli.reading import read_input
-from vislam_ros.cli.screen import progress_bar
+from vislam_ros.cli.screen import progress_bar, table_console
 from vislam_ros.core.settings import settings_from_dict
 from vislam_ros.data.files.parameter_file import parse_yaml
 from vislam_ros.data.simulation.simulate import SimulationSettings
@@ -28,7 +27,7 @@ from vislam_ros.data.sweeps.run import Row, SweepInputs
 from vislam_ros.data.sweeps.sweeping import missing_runs, sweep
 from vislam_ros.data.sweeps.table import PointResult, known_figures, value_text
 from vislam_ros.data.sweeps.worker_pool import available_cores
-from vislam_ros.data.trajectory import read_tum
+from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.errors import SettingsError, VislamError, one_line
 
 _COLUMNS = {
@@ -42,7 +41,6 @@ _COLUMNS = {
     "wall_s": ("run [s]", "{:.1f}"),
 }
 _WITH_DEVIATION = ("ate_m", "nees_per_dof", "smoothed_ate_m", "smoothed_nees_per_dof")
-_FILE_WIDTH = 200  # characters, where no terminal says how wide it is
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -116,7 +114,7 @@ def _inputs(
     given_map = parameters.given_map
     if described.simulate is not None:
         return SweepInputs(given_map=given_map, smooth=arguments.smooth)
-    reference = read_tum(described.reference) if described.reference else None
+    reference = read_trajectory(described.reference) if described.reference else None
     drive, *others = read_input(arguments, parameters.reading)
     if others:
         tell(f"note: only the first of {len(others) + 1} passes is solved")
@@ -166,11 +164,8 @@ def _print_points(directory: Path, plan: SweepPlan, points: Sequence[PointResult
             cells.append(str(len(point.rows)))
         cells.extend(_figure_text(name, point) for name in figures)
         table.add_row(*map(Text, cells))
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=_FILE_WIDTH)
     if figures:
-        console.print(table)
+        table_console().print(table)
     answer(f"{directory / 'table.csv'}, sweep.png, {RUNS}")
 
 

@@ -9,17 +9,17 @@ from vislam_ros.cli.grammar.argument_types import (
     assignment,
     name_or,
     number_from,
-    remapping,
     whole_from,
 )
 from vislam_ros.cli.grammar.shared import (
-    PLAY,
     Commands,
     add_command,
     add_force,
+    add_motion,
     add_namespace,
     add_rate,
     add_reading,
+    add_remap,
     add_smooth,
 )
 from vislam_ros.core.filters.registry import estimator_names
@@ -60,6 +60,7 @@ def add_solve(commands: Commands) -> None:
   vislam solve drive_bag --out third --fraction 0.33 --seed 1
   vislam solve car_bag --out results --remap imu/twist:=/car/twist
   vislam solve drive.npz --out results --motion-source gyro     no velocity is needed
+  vislam solve V1_01_easy --out results           an EuRoC folder: images and IMU
 """,
     )
     _add_estimation(parser)
@@ -92,6 +93,7 @@ and simulate, as below; its paths are relative to it, and flags go over it.
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="of the sweep")
     parser.add_argument("--file", type=Path, metavar="SWEEP.yaml", help="describes the sweep")
+    add_motion(parser)
     parser.add_argument(
         "--set",
         type=assignment,
@@ -122,7 +124,12 @@ and simulate, as below; its paths are relative to it, and flags go over it.
 
 def _add_estimation(parser: argparse.ArgumentParser) -> None:
     """Add what run and solve share."""
-    parser.add_argument("data", metavar="DATA_OR_BAG", type=Path, help="dataset or bag")
+    parser.add_argument(
+        "data",
+        metavar="DATA_OR_BAG",
+        type=Path,
+        help="dataset or bag, or images as `vislam track` takes them",
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="result directory")
     parser.add_argument(
         "--params", type=Path, metavar="FILE", help="ROS parameter file (config/ekf.yaml)"
@@ -147,18 +154,12 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
         help="what measures the motion: twists, the gyroscope alone, or (auto) twists where there "
         "are some",
     )
+    add_motion(parser)
     add_reading(parser)
     add_namespace(
         parser,
         "namespace of one robot among others, such as /robot1: of its topics in the bag, and of "
         "the nodes that run",
     )
-    parser.add_argument(
-        "--remap",
-        nargs="+",
-        type=remapping,
-        default=PLAY.remap,
-        metavar="OURS:=NAME",
-        help="what the bag calls a topic, as in imu/twist:=/car/twist",
-    )
+    add_remap(parser)
     add_force(parser)

@@ -1,10 +1,18 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The commands that look at results: evaluate, plot, verify."""
+"""The commands that look at results: evaluate, export, plot, verify."""
 
 from pathlib import Path
 
-from vislam_ros.cli.grammar.shared import Commands, add_command, add_force
+from vislam_ros.cli.grammar.argument_types import number_from
+from vislam_ros.cli.grammar.shared import (
+    ALIGNMENTS,
+    FILE_FORMATS,
+    MAX_DIFFERENCE,
+    Commands,
+    add_command,
+    add_force,
+)
 
 
 def add_evaluate(commands: Commands) -> None:
@@ -15,12 +23,82 @@ def add_evaluate(commands: Commands) -> None:
         "compare results with a reference: ATE, RPE, NEES",
         """\
   vislam evaluate results --reference drive.tum
+  vislam evaluate results/live results/offline other_program.tum --reference data.csv
+  vislam evaluate results --reference drive.tum --align yaw --max-difference 0.05
   vislam evaluate results --reference drive.tum --json > errors.json
+
+A row for each estimate: filtered, smoothed where there is such, and dead reckoning. ATE and RPE
+are those of evo_ape tum --align and evo_rpe tum; stretches of 50 to 400 m are KITTI's. Of several
+runs --json prints a list.
 """,
     )
-    parser.add_argument("directory", metavar="DIR", type=Path, help="of a run or solve")
-    parser.add_argument("--reference", type=Path, required=True, metavar="REF.tum")
-    parser.add_argument("--json", action="store_true", help="print JSON in place of the table")
+    parser.add_argument(
+        "runs",
+        metavar="DIR",
+        type=Path,
+        nargs="+",
+        help="of a run or solve; or a trajectory of another program, as the reference",
+    )
+    parser.add_argument(
+        "--reference",
+        type=Path,
+        required=True,
+        metavar="REF",
+        help="TUM file, in seconds or nanoseconds, or EuRoC's csv",
+    )
+    parser.add_argument(
+        "--align",
+        choices=ALIGNMENTS,
+        default="se3",
+        help="what may be turned and shifted before the ATE: all (se3), yaw and position, nothing",
+    )
+    parser.add_argument(
+        "--max-difference",
+        type=number_from(0),
+        default=MAX_DIFFERENCE,
+        metavar="S",
+        help=f"poses farther apart in time are not compared ({MAX_DIFFERENCE:g})",
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON in place of the tables")
+
+
+def add_export(commands: Commands) -> None:
+    """Add the command that writes a trajectory for other programs."""
+    parser = add_command(
+        commands,
+        "export",
+        "write the trajectory of results for other programs: TUM, EuRoC, KITTI",
+        """\
+  vislam export results data.csv --format euroc
+  vislam export results 03.txt --format kitti --camera-of 03.npz
+  vislam export results smoothed.tum --format tum --estimate smoothed
+  vislam export data.csv reference.tum --format tum
+
+KITTI's poses have no times: these stand in NAME_times.txt beside NAME.txt. They are the left
+camera's with --camera-of, the body's without.
+""",
+    )
+    parser.add_argument(
+        "results",
+        metavar="DIR",
+        type=Path,
+        help="of a run or solve; or a TUM file or EuRoC's csv to convert",
+    )
+    parser.add_argument("output", metavar="OUT", type=Path, help="file to make")
+    parser.add_argument("--format", choices=FILE_FORMATS, required=True, help="of the file")
+    parser.add_argument(
+        "--estimate",
+        choices=("filtered", "smoothed", "dead-reckoning"),
+        default="filtered",
+        help="which trajectory of the results",
+    )
+    parser.add_argument(
+        "--camera-of",
+        type=Path,
+        metavar="DATA_OR_BAG",
+        help="write the poses of this drive's left camera, from where it was first",
+    )
+    add_force(parser)
 
 
 def add_plot(commands: Commands) -> None:
@@ -55,4 +133,4 @@ def add_verify(commands: Commands) -> None:
     parser.add_argument(
         "--params", type=Path, metavar="FILE", help="what solve is to read the bag with"
     )
-    parser.set_defaults(estimator=None, fraction=None, seed=None, map=None)
+    parser.set_defaults(estimator=None, fraction=None, seed=None, map=None, motion_source=None)

@@ -3,17 +3,24 @@
 """What several commands share: how each begins and ends, and flags that mean the same in all."""
 
 import argparse
+from pathlib import Path
 from typing import TypeAlias
 
-from vislam_ros.cli.grammar.argument_types import number_from
+from vislam_ros.cli.grammar.argument_types import number_from, remapping
 from vislam_ros.nodes.player.options import PlayOptions
 
 PLAY = PlayOptions()
-# As in vislam_ros.data.datasets.conventions, which takes longer to import than --help should.
+# As in vislam_ros.data.simulation.images, and vislam_ros.data.datasets.conventions, which take
+# longer to import than --help should.
+SCENES = ("street", "room")
 IMU_FRAMES = ("auto", "flu", "frd", "as-given")
 TWIST_INDICES = ("auto", "end", "start")
 TWIST_ORIGINS = ("auto", "body", "imu")
 EXTRINSICS = ("auto", "imu-to-optical", "flu-to-imu", "optical-to-imu", "imu-to-flu")
+# Likewise of vislam_ros.data.evaluation and of vislam_ros.data.trajectory_files.
+ALIGNMENTS = ("se3", "yaw", "none")
+MAX_DIFFERENCE = 0.01
+FILE_FORMATS = ("tum", "euroc", "kitti")
 
 RETURNS = """\
 exit code: 0 on success, 1 on an error (one line on stderr; -v shows where it came from), 2 on
@@ -81,6 +88,29 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="what extL_T_imu and extR_T_imu map to what (flu: a camera with x forward, y left, z "
         "up); auto takes what makes a stereo pair and fits the images",
+    )
+
+
+def add_motion(parser: argparse.ArgumentParser) -> None:
+    """Add where the motion of images comes from."""
+    parser.add_argument(
+        "--motion",
+        type=Path,
+        metavar="DATA",
+        help="for images: dataset or bag with the motion, the times and the extrinsics, in place "
+        "of those that the images have",
+    )
+
+
+def add_remap(parser: argparse.ArgumentParser) -> None:
+    """Add what a bag calls its topics."""
+    parser.add_argument(
+        "--remap",
+        nargs="+",
+        type=remapping,
+        default=PLAY.remap,
+        metavar="OURS:=NAME",
+        help="what the bag calls a topic, as in imu/twist:=/car/twist",
     )
 
 

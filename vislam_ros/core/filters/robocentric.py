@@ -90,6 +90,7 @@ from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracking.tracks import indices_of, is_member
 
 Array = NDArray[np.float64]
+Slots = NDArray[np.int64]
 
 # Nothing moves in less than this, and no twist can be had from it [s].
 _SHORTEST_STEP = 1e-4
@@ -187,9 +188,14 @@ class RobocentricFilter:
             behind_camera = np.concatenate([behind_camera, self._move(tau)])
         slots = indices_of(frame.keys, self.keys)
         known = slots >= 0
-        stated = self._track_noise.factors(frame.noise, len(frame.keys))
-        seen = frame.keys[known], slots[known], frame.pixels[known], stated[known]
-        outcome = self._correct(*seen)
+        factors = self._track_noise.factors(frame.noise, len(frame.keys))
+        seen = frame.keys[known], slots[known], frame.pixels[known], factors[known]
+        try:
+            outcome = self._correct(*seen)
+        except np.linalg.LinAlgError:
+            # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
+            self._marginalize(is_member(self.keys, frame.keys))
+            outcome = Outcome(rejected=frame.keys[known])
         if self._settings.learn_noise and parts and measured is not None and outcome.used:
             P = self._state.vehicle_covariance
             error = twist_error(measured, self.twist, self.gyro_bias)
@@ -197,7 +203,7 @@ class RobocentricFilter:
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)
-        self._initialize(frame.keys[new], frame.pixels[new], stated[new])
+        self._initialize(frame.keys[new], frame.pixels[new], factors[new])
         belief = self._belief()
         last = belief.as_correction(GYRO_BIAS, SIZE) if self._state.is_recorded else None
         self._state.end_step(self.T_world_body, last)
@@ -268,20 +274,13 @@ class RobocentricFilter:
         self.image_points = warped.y
         return behind_camera
 
-    def _correct(
-        self, keys: Keys, slots: NDArray[np.int64], pixels: Array, stated: Array
-    ) -> Outcome:
+    def _correct(self, keys: Keys, slots: Slots, pixels: Array, factors: Array) -> Outcome:
         """Correct by observations of active landmarks; marginalize those of outliers."""
         if not len(keys):
             return Outcome()
         residual = self._straight(pixels) - self.image_points[slots]
-        noise = self._track_noise.variances(slots, stated)
-        try:
-            inliers = self._inliers(slots, residual, noise)
-        except np.linalg.LinAlgError:
-            # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
-            self._marginalize(is_member(self.keys, keys))
-            return Outcome(rejected=keys)
+        noise = self._track_noise.variances(slots, factors)
+        inliers = self._inliers(slots, residual, noise)
         residual, noise, rejected = residual[inliers.indices], noise[inliers.indices], keys[:0]
         if len(residual) < len(keys):
             rejected = np.delete(keys, inliers.indices)
@@ -297,11 +296,9 @@ class RobocentricFilter:
         information = inliers.inverse.diagonal()
         self._track_noise.update(slots, residual, noise, information, inliers.weighted)
         self._shift(corrected.delta)
-        return Outcome(
-            len(slots), rejected=rejected, nis=corrected.nis, nis_dof=len(inliers.weighted)
-        )
+        return Outcome(len(slots), 0, rejected, corrected.nis, len(inliers.weighted))
 
-    def _inliers(self, slots: NDArray[np.int64], residual: Array, noise: Array) -> gating.Inliers:
+    def _inliers(self, slots: Slots, residual: Array, noise: Array) -> gating.Inliers:
         """Innovations (n, 3) that pass their own gates, and agree with the others and in time."""
         gate = self._track_noise.gate(self._settings.chi2_gate)
         own = self._state.landmark_covariances()[slots]
@@ -318,14 +315,13 @@ class RobocentricFilter:
             agreed = gating.without(agreed, distances > gate, together.residual)
         return agreed._replace(indices=alone[agreed.indices])
 
-    def _initialize(self, keys: Keys, pixels: Array, stated: Array) -> None:
+    def _initialize(self, keys: Keys, pixels: Array, factors: Array) -> None:
         """Add landmarks at their first observation."""
         if not len(keys):
             return
-        y = self._straight(pixels)
-        mismatch = self._observation.row_mismatch(pixels) / np.sqrt(stated)
-        self._track_noise.initialize_level(mismatch)
-        self._apply(Initialization(self._track_noise.of_new_tracks(y, stated)))
+        y, mismatch = self._straight(pixels), self._observation.row_mismatch(pixels)
+        self._track_noise.initialize_level(mismatch / np.sqrt(factors))
+        self._apply(Initialization(self._track_noise.of_new_tracks(y, factors)))
         self._track_noise.add(len(keys))
         self._track_runs.add(len(keys))
         self.keys = np.concatenate([self.keys, keys])
@@ -350,7 +346,7 @@ class RobocentricFilter:
         y = self._observation.image_points(pixels)
         return y + self.kappa * radial_shift(self._camera, y)
 
-    def _image_points_of(self, slots: NDArray[np.int64]) -> ImagePoints:
+    def _image_points_of(self, slots: Slots) -> ImagePoints:
         P = self._state.covariance
         return ImagePoints(
             y=self.image_points[slots],
@@ -360,7 +356,7 @@ class RobocentricFilter:
             T_world_body=self.T_world_body,
         )
 
-    def _told(self, points: ImagePoints, slots: NDArray[np.int64]) -> ImagePoints:
+    def _told(self, points: ImagePoints, slots: Slots) -> ImagePoints:
         """Landmarks for the map: those of the belief in a bias and of that in none."""
         return points_of_both(self._camera, points, self._state.rows_of(slots), self._belief())
 

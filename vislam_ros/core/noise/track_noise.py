@@ -29,8 +29,10 @@ and 0.64 where they have a correlation rho of 0.95 (the ratio of two such normal
 Cauchy about rho, with scale ``sqrt(1 - rho^2)``); on KITTI it is 0.42 to 0.67.
 
 *Stated noise.* A front end may know the noise of each observation from its image. Then V has that
-size for each, the level is how far what it states is wrong for all, and an offset is as large as
-the noise of a disparity: what it states may well stay for the life of a track.
+size for each, and an offset is as large as the noise of a disparity: what it states may well stay
+for the life of a track. What it cannot know, such as what rectification has left, is alike for
+all: a level L > 1 adds ``L - 1`` times the mean of the stated variances to each, and is still the
+factor on their mean.
 
 All look back only, so the noise is the same live and offline.
 """
@@ -124,7 +126,7 @@ class TrackNoise:
         self.is_stated, self.usual_factor = False, 1.0
 
     def factors(self, noise: Array | None, count: int) -> Array:
-        """Factors (n,) on the prior variances of so many observations of a frame.
+        """Factors (n,) on the prior variances of so many observations of a frame, at this level.
 
         Parameters
         ----------
@@ -136,8 +138,10 @@ class TrackNoise:
         if noise is None:
             return np.ones(count)
         factors = np.square(noise) / self._variances[0]
-        self.usual_factor = float(factors.mean()) if count else self.usual_factor
-        return factors
+        if count:
+            self.usual_factor = float(factors.mean())
+        common = max(self.level - 1.0, 0.0)
+        return (factors + common * self.usual_factor) / (1.0 + common)
 
     def tell(self, variances: Array, offset_std: float, *, learns: bool) -> None:
         """Go on with other priors; variances that are new count as they are told, at level 1."""
@@ -156,9 +160,9 @@ class TrackNoise:
         """Which of ``(u_left, u_right, v)`` say anything new of a known landmark."""
         return _WITHOUT_RIGHT if self.has_offsets else _ALL
 
-    def of_new_tracks(self, y: Array, stated: Array) -> Array:
+    def of_new_tracks(self, y: Array, factors: Array | float = 1.0) -> Array:
         """Covariances (n, 3, 3) of the first image points (n, 3) of tracks, square pixels."""
-        variances = self.level * stated[:, None] * self._variances
+        variances = self.level * np.broadcast_to(factors, len(y))[:, None] * self._variances
         noise = variances[:, :, None] * np.eye(3)
         if self.has_offsets:
             # Left and right go together, but for the offset.
@@ -170,9 +174,9 @@ class TrackNoise:
         """Bound of the squared distances of innovations: wider where tracks differ in quality."""
         return _WIDER_GATE * chi2_gate if self.has_offsets else chi2_gate
 
-    def variances(self, indices: NDArray[np.int64], stated: Array) -> Array:
+    def variances(self, indices: NDArray[np.int64], factors: Array | float = 1.0) -> Array:
         """Variances (n, 3) of the image points of known landmarks, square pixels."""
-        return self.level * (self._scale(indices) * stated)[:, None] * self._variances
+        return self.level * (self._scale(indices) * factors)[:, None] * self._variances
 
     def with_tails(
         self, indices: NDArray[np.int64], variances: Array, inverse: Array, weighted: Array
@@ -279,7 +283,7 @@ class TrackNoise:
         return self._noise[indices] / self._observed[indices]
 
     def _offset_variances(self, y: Array, variances: Array) -> Array:
-        """Variances (n,) of the disparities' offsets at image points (n, 3) of such noise (n, 3)."""
+        """Variances (n,) of the offsets of disparities at points (n, 3) with such noise (n, 3)."""
         if self.is_stated:
             return np.asarray(variances[:, 0] + variances[:, 1])
         disparity: Array = y[:, 0] - y[:, 1]

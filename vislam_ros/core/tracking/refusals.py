@@ -50,7 +50,7 @@ class Refusal(enum.Enum):
     ABSURD = ("absurd", "a number is finite and beyond what can be")
     DUPLICATE_IDS = ("duplicate_ids", "an id appears twice")
     NOT_A_ROTATION = ("not_a_rotation", "its quaternion has not the length 1")
-    NOT_A_PAIR = ("not_a_pair", "left and right are not one rectified, calibrated camera pair")
+    NOT_A_PAIR = ("not_a_pair", "left and right are not one calibrated stereo pair")
     BAD_STAMP = ("bad_stamp", "its stamp is near none that came before or after it")
     LATE = ("late", "it came after a newer one")
     DUPLICATE = ("duplicate", "there was one with the same stamp")

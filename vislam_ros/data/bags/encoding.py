@@ -96,6 +96,7 @@ class _Messages:
                 FEATURE_FIELDS if drive.noise is None else NOISY_FEATURE_FIELDS
             )
         ]
+        self._point_step = (FEATURE_DTYPE if drive.noise is None else NOISY_FEATURE_DTYPE).itemsize
 
     def latched(self, stamp: int) -> list[tuple[Topic, Any]]:
         """Calibration, once as users of cameras and once as users of TF expect it."""
@@ -134,16 +135,18 @@ class _Messages:
 
     def features(self, k: int) -> Any:
         ids, pixels = self._drive.frame(k)
-        point = (FEATURE_DTYPE if self._drive.noise is None else NOISY_FEATURE_DTYPE).itemsize
+        noise = self._drive.noise
+        if noise is not None:
+            noise = noise[self._drive.offsets[k] : self._drive.offsets[k + 1]]
         return self._new["PointCloud2"](
             header=self._header(self._drive.feature_stamps[k], self._frames.camera),
             height=1,
             width=len(ids),
             fields=self._fields,
             is_bigendian=False,
-            point_step=point,
-            row_step=point * len(ids),
-            data=pack_features(ids, pixels, self._drive.noise_of(k)),
+            point_step=self._point_step,
+            row_step=self._point_step * len(ids),
+            data=pack_features(ids, pixels, noise),
             is_dense=True,
         )
 

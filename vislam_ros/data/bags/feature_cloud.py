@@ -26,11 +26,13 @@ FEATURE_FIELDS = (
 )
 """Name, offset and PointField datatype of each field of :data:`FEATURE_DTYPE`."""
 
-NOISE = "noise"
-NOISY_FEATURE_DTYPE = np.dtype([*FEATURE_DTYPE.descr, (NOISE, "<f4")])
-"""The same of a source that states the noise of each observation: 24 bytes."""
+NOISE_FIELD = "noise"
 
-NOISY_FEATURE_FIELDS = (*FEATURE_FIELDS, (NOISE, FEATURE_DTYPE.itemsize, FLOAT32))
+NOISY_FEATURE_DTYPE = np.dtype([*FEATURE_DTYPE.descr, (NOISE_FIELD, "<f4")])
+"""A point whose source states its noise: 24 bytes."""
+
+NOISY_FEATURE_FIELDS = (*FEATURE_FIELDS, (NOISE_FIELD, FEATURE_DTYPE.itemsize, FLOAT32))
+"""As :data:`FEATURE_FIELDS`, of :data:`NOISY_FEATURE_DTYPE`."""
 
 # PointField.INT8 = 1 to FLOAT64 = 8.
 _NUMPY_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", UINT32: "u4", FLOAT32: "f4", 8: "f8"}
@@ -49,11 +51,11 @@ def pack_features(
     pixels : ndarray of float32, (n, 4)
         ``u_left, v_left, u_right, v_right``.
     noise : ndarray of float32, (n,), optional
-        Standard deviation of each observation, pixels.
+        Standard deviations, pixels.
     """
     points = np.empty(len(ids), dtype=FEATURE_DTYPE if noise is None else NOISY_FEATURE_DTYPE)
     if noise is not None:
-        points[NOISE] = noise
+        points[NOISE_FIELD] = noise
     points["id"] = ids
     for column, name in enumerate(PIXEL_FIELDS):
         points[name] = pixels[:, column]
@@ -63,7 +65,9 @@ def pack_features(
 def unpack_features(
     cloud: Any,
 ) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32] | None]:
-    """Ids (n,), pixels (n, 4) and stated noise (n,) of a features cloud, in its points' order.
+    """Ids (n,), pixels (n, 4) and noise (n,) of a features cloud, in the order of its points.
+
+    The noise is None where the cloud has no such field.
 
     Parameters
     ----------
@@ -92,15 +96,23 @@ def unpack_features(
     if np.any((ids < 0) | (ids > np.iinfo(np.uint32).max)):
         raise RefusedMessage(Refusal.BAD_FIELDS, "an id does not fit into 32 bits without a sign")
     pixels = np.stack([points[name] for name in PIXEL_FIELDS], axis=1)
-    noise = points[NOISE].astype(np.float32) if NOISE in (dtype.names or ()) else None
+    noise = None
+    if NOISE_FIELD in (dtype.names or ()):
+        noise = points[NOISE_FIELD].astype(np.float32)
+        if not np.all(np.isfinite(noise) & (noise > 0.0)):
+            raise RefusedMessage(
+                Refusal.BAD_FIELDS,
+                f"PointCloud2 field {NOISE_FIELD!r} is not finite and above 0: it is a standard "
+                "deviation in pixels",
+            )
     return ids.astype(np.uint32), pixels.astype(np.float32), noise
 
 
 def _point_dtype(fields: Iterable[Any], point_step: int, byte_order: str) -> np.dtype[Any]:
-    """Structured type of one point, of the five needed fields, and the noise where it has one."""
+    """Structured type of one point, of the five needed fields and of the noise, if it is there."""
     present = {field.name: field for field in fields}
+    names = ["id", *PIXEL_FIELDS, *([NOISE_FIELD] if NOISE_FIELD in present else [])]
     formats, offsets = [], []
-    names = ["id", *PIXEL_FIELDS, *([NOISE] if NOISE in present else [])]
     for name in names:
         if name not in present:
             raise RefusedMessage(

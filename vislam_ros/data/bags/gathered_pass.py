@@ -5,7 +5,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,8 @@ from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Frame: TypeAlias = tuple[int, NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32] | None]
 T = TypeVar("T", bound=tuple[Any, ...])
-Frame = tuple[int, NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32] | None]
 
 
 @dataclass

@@ -57,7 +57,8 @@ def image(message: Any) -> tuple[NDArray[Any], str]:
             Refusal.WRONG_SIZE, "data has another length than height, width and step say"
         )
     order = ">" if message.is_bigendian else "<"
-    rows = np.ascontiguousarray(data.reshape(height, step)[:, :row])
+    # A copy, for a message's bytes cannot be written to, nor do compiled functions take them.
+    rows = np.array(data.reshape(height, step)[:, :row], order="C")
     pixels = rows.view(f"{order}u{size}")
     pixels = pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
     shape = (height, width) if channels == 1 else (height, width, channels)

@@ -20,6 +20,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from vislam_ros.data.datasets.pickle_limits import MOST_OPCODES
 from vislam_ros.data.datasets.restricted_pickle import load_plain
+from vislam_ros.data.datasets.stored_array import StoredArray, StoredBytes
 from vislam_ros.data.files.inputs import open_input
 from vislam_ros.errors import VislamError
 
@@ -189,21 +190,36 @@ def _read_header(file: IO[bytes], source: str) -> tuple[tuple[int, ...], bool, n
 def _chunks(
     file: IO[bytes], count: int, dtype: np.dtype[Any], source: str
 ) -> Iterator[NDArray[Any]]:
-    per_chunk = max(CHUNK_BYTES // dtype.itemsize, 1)
     with file, _clear_errors(source):
-        for start in range(0, count, per_chunk):
-            size = min(per_chunk, count - start) * dtype.itemsize
+        for size in _chunk_sizes(count, dtype):
             data = file.read(size)
             if len(data) < size:
                 raise EOFError
             yield np.frombuffer(data, dtype)
 
 
+def _chunks_in_place(stored: StoredBytes, dtype: np.dtype[Any], source: str) -> Iterator[Any]:
+    start = 0
+    with _clear_errors(source):
+        for size in _chunk_sizes(len(stored) // dtype.itemsize, dtype):
+            yield np.frombuffer(stored.read(start, size), dtype)
+            start += size
+
+
+def _chunk_sizes(count: int, dtype: np.dtype[Any]) -> Iterator[int]:
+    """Bytes of each chunk of so many numbers."""
+    per_chunk = max(CHUNK_BYTES // dtype.itemsize, 1)
+    for start in range(0, count, per_chunk):
+        yield min(per_chunk, count - start) * dtype.itemsize
+
+
 def _arrays_of_dict(file: IO[bytes], source: str, size: int) -> Arrays:
     """Open the dict that ``np.save`` put into an object array of shape (), in so many bytes."""
     file.seek(0)
     _, _, dtype = _read_header(file, source)
-    content = load_plain(file, source) if dtype.hasobject else None
+    content = None
+    if dtype.hasobject:
+        content = load_plain(file, source, leave_large=True)
     if not isinstance(content, dict):
         raise VislamError(f"{source}: holds no dict of arrays, as a dataset's .npy file does")
     return {
@@ -214,12 +230,12 @@ def _arrays_of_dict(file: IO[bytes], source: str, size: int) -> Arrays:
 
 
 def stream_of(value: Any, source: str, stored: int) -> ArrayStream:
-    """Stream an array that is in memory already, without copying it where its order allows.
+    """Stream an array that is in memory already, without copying it, or one left in its file.
 
     Parameters
     ----------
     value : object
-        An array, a number, or lists of them.
+        An array, in memory or left in its file, a number, or lists of them.
     source : str
         What to call it in an error.
     stored : int
@@ -230,18 +246,28 @@ def stream_of(value: Any, source: str, stored: int) -> ArrayStream:
     VislamError
         Where it is no array of numbers.
     """
+    if isinstance(value, StoredArray):
+        _require_numbers(value.dtype, f"an array of {value.dtype}", source)
+        chunks = _chunks_in_place(value.stored, value.dtype, source)
+        return ArrayStream(
+            value.shape, value.fortran_order, value.dtype, len(value.stored), source, chunks
+        )
     _check_count(value, source)
     try:
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError):  # lists of unequal lengths, huge numbers
         array = np.empty(0, dtype=object)
-    if array.dtype.kind not in "fiu":
-        raise VislamError(f"{source}: holds {type(value).__name__}, not an array of numbers")
+    _require_numbers(array.dtype, type(value).__name__, source)
     fortran_order = array.flags.f_contiguous and not array.flags.c_contiguous
     flat = array.reshape(-1, order="F" if fortran_order else "C")
     step = CHUNK_BYTES // array.itemsize
     chunks = (flat[start : start + step] for start in range(0, len(flat), step))
     return ArrayStream(array.shape, fortran_order, array.dtype, stored, source, chunks)
+
+
+def _require_numbers(dtype: np.dtype[Any], what: str, source: str) -> None:
+    if dtype.kind not in "fiu":
+        raise VislamError(f"{source}: holds {what}, not an array of numbers")
 
 
 def _check_count(value: Any, source: str) -> None:

@@ -192,7 +192,8 @@ def _row_error(pair: ReadPair, pixels: Array) -> float:
     """Median difference of the rows of both images, pixels."""
     if pair.rectification is not None:
         pixels = pair.rectification.pixels(pixels)
-    return float(np.nanmedian(np.abs(pixels[:, 1] - pixels[:, 3])))
+    with np.errstate(invalid="ignore"):
+        return float(np.nanmedian(np.abs(pixels[:, 1] - pixels[:, 3])))
 
 
 def intrinsics(path: Path, arrays: Arrays, key: str) -> Array:

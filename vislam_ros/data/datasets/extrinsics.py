@@ -95,8 +95,8 @@ class Candidate(NamedTuple):
     complaint: str = ""
 
 
-def settle_reading(candidates: Sequence[Candidate], conventions: Conventions) -> Drive:
-    """Choose the reading whose drive fits its images best, and settle its other conventions.
+def choose_reading(candidates: Sequence[Candidate], conventions: Conventions) -> tuple[int, Drive]:
+    """Choose the reading whose drive fits its images best.
 
     Parameters
     ----------
@@ -108,8 +108,9 @@ def settle_reading(candidates: Sequence[Candidate], conventions: Conventions) ->
 
     Returns
     -------
-    Drive
-        With a note on what was taken where the file leaves a choice.
+    int, Drive
+        Its place, and its drive as it was given, with a note on what was taken where the file
+        leaves a choice.
 
     Raises
     ------
@@ -118,7 +119,7 @@ def settle_reading(candidates: Sequence[Candidate], conventions: Conventions) ->
     """
     first = candidates[0]
     if not first.words:
-        return settle_conventions(first.drive, conventions)
+        return 0, first.drive
     # The place of the IMU changes little here, and takes long to find.
     quick = dataclasses.replace(conventions, twist_origin="body")
     errors = [_median_error(settle_conventions(each.drive, quick)) for each in candidates]
@@ -140,8 +141,7 @@ def settle_reading(candidates: Sequence[Candidate], conventions: Conventions) ->
         reason = "there are too few landmarks to tell it from the others"
     words, drive, _ = candidates[best]
     note = f"Read extL_T_imu as {words}: {reason}."
-    drive = dataclasses.replace(drive, notes=(*drive.notes, note))
-    return settle_conventions(drive, conventions)
+    return best, dataclasses.replace(drive, notes=(*drive.notes, note))
 
 
 def _median_error(drive: Drive) -> float:

@@ -22,11 +22,12 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.ranges import GAP, LARGEST_PIXEL, POSITION, TURN_RATE, VELOCITY, Range
 from vislam_ros.data.datasets.array_stream import Arrays, open_arrays
 from vislam_ros.data.datasets.calibration import read_pairs
-from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
-from vislam_ros.data.datasets.extrinsics import Candidate, settle_reading
+from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions, settle_conventions
+from vislam_ros.data.datasets.extrinsics import Candidate, choose_reading
 from vislam_ros.data.datasets.members import finite, wrong_shape
 from vislam_ros.data.datasets.sparse_features import (
     Axes,
@@ -88,6 +89,13 @@ def read(
     VislamError
         Where the file cannot be read or is no dataset; the message names the field.
     """
+    return read_with_rectification(path, conventions, progress)[0]
+
+
+def read_with_rectification(
+    path: Path, conventions: Conventions = AS_FOUND, progress: Progress | None = None
+) -> tuple[Drive, PixelRectification | None]:
+    """Read a dataset as :func:`read` does, and what its raw pixels went through."""
     with open_arrays(path) as arrays:
         keys = {what: _find_key(path, arrays, what) for what in SPELLINGS}
         stamps = _stamps(path, arrays, keys["time stamps"])
@@ -103,6 +111,7 @@ def read(
     if unknown:
         notes.append(f"Ignored keys that are no part of the format: {', '.join(unknown)}.")
     candidates: list[Candidate] = []
+    rectifications: list[PixelRectification | None] = []
     for reading in readings:
         pair = reading.fitting(features.pixels)
         seen = rectified(features, pair.rectification)
@@ -125,7 +134,9 @@ def read(
         )
         complaint = pair.complaint and f"{path}: {pair.complaint}"
         candidates.append(Candidate(pair.reading, drive, complaint))
-    return settle_reading(candidates, conventions)
+        rectifications.append(pair.rectification)
+    chosen, drive = choose_reading(candidates, conventions)
+    return settle_conventions(drive, conventions), rectifications[chosen]
 
 
 def _find_key(path: Path, arrays: Arrays, what: str) -> str:

@@ -9,7 +9,7 @@ nothing is made. What calls make of what is there is bounded where they are made
 """
 
 import pickletools
-from typing import IO
+from typing import IO, NamedTuple
 
 _OPCODES = {ord(each.code): each for each in pickletools.opcodes}
 _LENGTH_BYTES = {
@@ -33,22 +33,50 @@ MOST_OPCODES = 300_000
 MOST_TUPLES = 10_000
 #: One tuple in many places is hashed in each: with a few dozen, in tuples of tuples, for ever.
 MOST_SHARED_TUPLES = 16
+#: Bytes that a pickler writes outside of its frames; so many or more can stay in the file.
+LARGE = 64 * 1024
+_BYTES = frozenset({"BINBYTES", "BINBYTES8", "BYTEARRAY8"})
 # 64-bit integers with a sign, and what Python adds to them [bytes].
 _LONGEST_INTEGER = 16
 
 
-def check_claims(stream: IO[bytes]) -> int:
+class Cut(NamedTuple):
+    """An opcode from byte ``begin`` to ``end`` whose large bytes begin at ``data``.
+
+    Those of a frame, which only tells how far to read ahead, begin nowhere.
+    """
+
+    begin: int
+    end: int
+    data: int | None
+
+
+class Claims(NamedTuple):
+    """What a pickle within the limits holds.
+
+    Attributes
+    ----------
+    begin, end : int
+        Where its bytes begin in the file, and behind its last one.
+    size : int
+        Bytes from its first to the end of the file.
+    cuts : list of Cut
+        In the order of the file.
+    """
+
+    begin: int
+    end: int
+    size: int
+    cuts: list[Cut]
+
+
+def check_claims(stream: IO[bytes]) -> Claims:
     """Look at a pickle, from where its file stands, and go back there.
 
     Parameters
     ----------
     stream : binary file
         Can be sought in.
-
-    Returns
-    -------
-    int
-        Bytes from here to the end of the file.
 
     Raises
     ------
@@ -60,13 +88,18 @@ def check_claims(stream: IO[bytes]) -> int:
     stream.seek(begin)
     opcodes = tuples = shared = memoized = 0
     tuple_on_top, tuple_places = False, set()
-    name = ""
+    name, cuts = "", []
     while name != "STOP":
+        place_of_opcode = stream.tell()
         opcode = _OPCODES.get(_number(stream, 1))
         if opcode is None or opcode.name in _STRANGE:
             raise ValueError("no opcode of a pickle of arrays")
         name = opcode.name
         number = _argument(stream, opcode, end)
+        if name == _FRAME:
+            cuts.append(Cut(place_of_opcode, stream.tell(), None))
+        elif name in _BYTES and number >= LARGE:
+            cuts.append(Cut(place_of_opcode, stream.tell(), stream.tell() - number))
         opcodes += 1
         is_tuple = "TUPLE" in name
         tuples += is_tuple
@@ -82,12 +115,13 @@ def check_claims(stream: IO[bytes]) -> int:
         shared += tuple_on_top and not is_tuple
         if opcodes > MOST_OPCODES or tuples > MOST_TUPLES or shared > MOST_SHARED_TUPLES:
             raise ValueError("more than arrays need")
+    claims = Claims(begin, stream.tell(), end - begin, cuts)
     stream.seek(begin)
-    return end - begin
+    return claims
 
 
 def _argument(stream: IO[bytes], opcode: pickletools.OpcodeInfo, end: int) -> int:
-    """Pass over an opcode's argument; return its number where it has a small one, else 0."""
+    """Pass over an opcode's argument; return its number or its length where it has one, else 0."""
     size, name = 0 if opcode.arg is None else opcode.arg.n, opcode.name
     if size == pickletools.UP_TO_NEWLINE:
         for _ in range(_LINES.get(name, 1)):
@@ -102,7 +136,7 @@ def _argument(stream: IO[bytes], opcode: pickletools.OpcodeInfo, end: int) -> in
         if name in ("LONG1", "LONG4") and length > _LONGEST_INTEGER:
             raise ValueError("a number of too many digits")
         stream.seek(length, 1)
-        return 0
+        return length
     number = _number(stream, size)
     if name == _FRAME and number > end - stream.tell():
         raise ValueError("a frame of more than there is")

@@ -18,7 +18,8 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.data.datasets.pickle_limits import check_claims
+from vislam_ros.data.datasets.pickle_limits import Claims, check_claims
+from vislam_ros.data.datasets.stored_array import StoredArray, StoredBytes, without_large_bytes
 from vislam_ros.errors import VislamError
 
 _KINDS = "biufcSU"  # numbers and text: whatever a dtype can say without pointers
@@ -75,19 +76,38 @@ class _StandIn(NamedTuple):
         return self.function(*arguments)
 
 
-def _from_bytes(data: Any, dtype: _Dtype, shape: tuple[int, ...], order: Any) -> NDArray[Any]:
-    if dtype.dtype.hasobject:
-        raise _Refused("an array of objects")
+def _from_bytes(
+    data: Any, dtype: _Dtype, shape: tuple[int, ...], order: Any
+) -> NDArray[Any] | StoredArray:
+    """Array of its bytes, or of their place where they are still in the file."""
+    if isinstance(data, StoredBytes) and order in ("C", "F"):
+        _check_shape(data, dtype, shape)
+        return StoredArray(tuple(shape), dtype.dtype, order == "F", data)
+    return _in_memory(data, dtype, shape, order)
+
+
+def _in_memory(data: Any, dtype: _Dtype, shape: tuple[int, ...], order: Any) -> NDArray[Any]:
+    data = _held(data)
     if isinstance(data, str):  # Python 2 wrote bytes as text
         data = data.encode("latin1")
+    _check_shape(data, dtype, shape)
+    if len(data) == 0:
+        return np.empty(shape, dtype.dtype)
+    return np.frombuffer(data, dtype.dtype).reshape(shape, order=order)
+
+
+def _check_shape(data: Any, dtype: _Dtype, shape: tuple[int, ...]) -> None:
+    if dtype.dtype.hasobject:
+        raise _Refused("an array of objects")
     if len(shape) > _MOST_DIMENSIONS or min(shape, default=0) < 0:
         raise ValueError("no shape of an array")
     count = math.prod(shape)
     if len(data) != count * dtype.dtype.itemsize or (count and not len(data)):
         raise ValueError("an array's shape does not fit its bytes")
-    if count == 0:
-        return np.empty(shape, dtype.dtype)
-    return np.frombuffer(data, dtype.dtype).reshape(shape, order=order)
+
+
+def _held(data: Any) -> Any:
+    return data.whole if isinstance(data, StoredBytes) else data
 
 
 def _reconstruct(subtype: Any, *_arguments: Any) -> _Array:
@@ -97,13 +117,13 @@ def _reconstruct(subtype: Any, *_arguments: Any) -> _Array:
 
 
 def _scalar(dtype: _Dtype, data: Any) -> Any:
-    return _from_bytes(data, dtype, (), "C")[()]
+    return _in_memory(data, dtype, (), "C")[()]
 
 
 def _frombuffer(data: Any, dtype: _Dtype, shape: Any, order: Any, axes: Any = None) -> _Array:
     array = _Array()
     if order == "K" and axes is not None:
-        array.content = _from_bytes(data, dtype, shape, "C").transpose(axes)
+        array.content = _in_memory(data, dtype, shape, "C").transpose(axes)
     else:
         array.content = _from_bytes(data, dtype, shape, order)
     return array
@@ -139,9 +159,14 @@ _REACHABLE: dict[str, dict[str, Any]] = {
 
 
 class _Unpickler(pickle.Unpickler):
-    def __init__(self, stream: IO[bytes]):
+    def __init__(self, stream: IO[bytes], claims: Claims, stored: list[StoredBytes]):
         super().__init__(stream, encoding="latin1")
-        self._left = _TIMES_ITS_BYTES * check_claims(stream) + _ALWAYS
+        self._left = _TIMES_ITS_BYTES * claims.size + _ALWAYS
+        self._stored = stored
+
+    def persistent_load(self, pid: Any) -> Any:
+        """Bytes that were left in the file (see without_large_bytes); no pickle asks for it."""
+        return self._stored[pid]
 
     def find_class(self, module: str, name: str) -> Any:
         try:
@@ -157,24 +182,24 @@ class _Unpickler(pickle.Unpickler):
             if isinstance(argument, int):
                 raise _Refused("bytes of a claimed length")
             if hasattr(argument, "__len__"):
-                is_text = isinstance(argument, (str, bytes, bytearray))
+                is_text = isinstance(argument, (str, bytes, bytearray, StoredBytes))
                 self._left -= len(argument) * (1 if is_text else _ITEM)
         if self._left < 0:
             raise _Refused("more copies than its bytes hold")
-        return function(*arguments)
+        return function(*map(_held, arguments))
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, _Dtype):
         return value.dtype
     if not isinstance(value, _Array):
-        return value
+        return _held(value)
     if isinstance(value.content, _Array):
         raise _Refused("an array of arrays")
     return value.content
 
 
-def load_plain(stream: IO[bytes], source: str) -> Any:
+def load_plain(stream: IO[bytes], source: str, *, leave_large: bool = False) -> Any:
     """Read a pickle of numpy arrays and plain containers; an object array of shape () is opened.
 
     Parameters
@@ -183,6 +208,9 @@ def load_plain(stream: IO[bytes], source: str) -> Any:
         At the pickle's first byte.
     source : str
         What to call it in an error.
+    leave_large : bool, optional
+        Whether large arrays in a dict are left in the file, as a StoredArray, which must then stay
+        open; where they cannot be, as those with their axes permuted, they are held.
 
     Returns
     -------
@@ -196,7 +224,10 @@ def load_plain(stream: IO[bytes], source: str) -> Any:
         where it is damaged.
     """
     try:
-        content = _plain(_Unpickler(stream).load())
+        claims, stored = check_claims(stream), list[StoredBytes]()
+        if leave_large:
+            stream, stored = without_large_bytes(stream, claims)
+        content = _plain(_Unpickler(stream, claims, stored).load())
         if isinstance(content, dict):
             content = {key: _plain(value) for key, value in content.items()}
     except _Refused as refused:

@@ -105,7 +105,7 @@ def write_tracks(path: Path, drive: Drive, *, force: bool = False) -> None:
             member = zipfile.ZipInfo(f"{name}.npy")
             member.compress_type = zipfile.ZIP_DEFLATED
             with archive.open(member, "w", force_zip64=True) as file:
-                np.lib.format.write_array(file, np.ascontiguousarray(array))
+                np.lib.format.write_array(file, np.asarray(array, order="C"))
     replace_file(path, content.getvalue())
 
 

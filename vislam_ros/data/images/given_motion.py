@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.geometry.stereo_rig import StereoRig
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.images.pairing import half_a_period, pair_stamps
-from vislam_ros.data.images.reference_poses import of_another_body
+from vislam_ros.data.images.reference_poses import from_first_pose, of_another_body
 from vislam_ros.data.images.stereo_images import Motion, StereoImages
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 
+Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 
@@ -33,6 +35,8 @@ class GivenMotion:
         Stamps of its own feature frames, nanoseconds, where it has some.
     camera : StereoCamera or None
         Its rectified camera, where it has one.
+    rectification : PixelRectification or None
+        What pixels of its raw cameras go through to be those of ``camera``; None where they are.
     ground_truth : Trajectory or None
     notes : tuple of str
     """
@@ -41,17 +45,21 @@ class GivenMotion:
     motion: Motion
     frames: Stamps | None = None
     camera: StereoCamera | None = None
+    rectification: PixelRectification | None = None
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of_drive(cls, drive: Drive, source: str) -> "GivenMotion":
+    def of_drive(
+        cls, drive: Drive, source: str, rectification: PixelRectification | None = None
+    ) -> "GivenMotion":
         """Motion, stamps, camera and truth of a drive."""
         return cls(
             source=source,
             motion=Motion(drive.twist_stamps, drive.twists),
             frames=drive.feature_stamps if drive.steps else None,
             camera=drive.camera,
+            rectification=rectification,
             ground_truth=drive.ground_truth,
             notes=drive.notes,
         )
@@ -100,29 +108,34 @@ def _of_frames(images: StereoImages, frames: Stamps, source: str) -> StereoImage
         )
     tolerance = half_a_period(stamps)
     pairs = pair_stamps(stamps, frames, tolerance)
-    if len(pairs.first):
-        missing = len(stamps) - len(pairs.first)
-        notes = [f"Left out {missing} images without a frame of the motion."] if missing else []
-        taken = images.at(pairs.first, frames[pairs.second])
-        return replace(taken, notes=(*images.notes, *notes))
-    shared = min(len(stamps), len(frames))
-    apart = np.abs((stamps[:shared] - stamps[0]) - (frames[:shared] - frames[0]))
-    if shared < len(stamps) or apart.max() > tolerance:
-        raise VislamError(
-            f"{source}: none of its {len(frames)} frames is at the time of an image of "
-            f"{images.name}: give the motion that was recorded with the images"
+    notes: list[str] = []
+    if not len(pairs.first):
+        pairs = pair_stamps(stamps - stamps[0] + frames[0], frames, tolerance)
+        if len(pairs.first) < len(stamps):
+            raise VislamError(
+                f"{source}: none of its {len(frames)} frames is at the time of an image of "
+                f"{images.name}: give the motion that was recorded with the images"
+            )
+        notes.append(
+            "The images' clock is not the motion's: their first frames are taken for one."
         )
-    note = "The images' clock is another than the motion's: taken from the first frame on."
-    taken = images.at(np.arange(shared), frames[:shared])
-    return replace(taken, notes=(*images.notes, note))
+    elif missing := len(stamps) - len(pairs.first):
+        notes.append(f"Left out {missing} images without a frame of the motion.")
+    taken = images.at(pairs.first, frames[pairs.second])
+    return replace(taken, notes=(*images.notes, *notes))
 
 
 def _moved(images: StereoImages, given: GivenMotion) -> StereoImages:
     """Images on the body of a motion."""
     truth = given.ground_truth
+    if truth is not None:
+        truth = from_first_pose(truth.stamps, truth.T_world_body, images.stamps)
     rig = images.rig
     if given.camera is not None:
-        rig = replace(rig, T_body_left=_raw_extrinsics(rig, given.camera))
+        T_body_left = raw_extrinsics(given.camera, given.rectification)
+        if T_body_left is None:
+            T_body_left = _extrinsics_before_rectification(rig, given.camera)
+        rig = replace(rig, T_body_left=T_body_left)
     if truth is None and images.ground_truth is not None:
         T_old_new = images.rig.T_body_left @ se3.inverse(rig.T_body_left)
         truth = of_another_body(images.ground_truth, T_old_new)
@@ -135,7 +148,17 @@ def _moved(images: StereoImages, given: GivenMotion) -> StereoImages:
     )
 
 
-def _raw_extrinsics(rig: StereoRig, camera: StereoCamera) -> NDArray[np.float64]:
+def raw_extrinsics(camera: StereoCamera, rectification: PixelRectification | None) -> Array | None:
+    """Pose (4, 4) in the body of the left camera whose turn is told; None where none is."""
+    turn = None if rectification is None else rectification.left
+    if turn is None or turn.R_after_before is None:
+        return None
+    T_rectified_left = np.eye(4)
+    T_rectified_left[:3, :3] = np.reshape(turn.R_after_before, (3, 3))
+    return camera.T_body_camera @ T_rectified_left
+
+
+def _extrinsics_before_rectification(rig: StereoRig, camera: StereoCamera) -> Array:
     """Pose (4, 4) of the raw left camera in the body, from that of the rectified one."""
     # It brings OpenCV, which takes a while to import.
     from vislam_ros.frontend.rectification import Rectification

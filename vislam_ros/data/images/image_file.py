@@ -151,10 +151,12 @@ def _wrong_size(where: str, size: Size, wanted: Size) -> VislamError:
 
 def _content(path: Path) -> bytes:
     with open_input(path, _WHAT) as file:
-        data = file.read(_LARGEST_FILE + 1)
-    if len(data) > _LARGEST_FILE:
-        raise VislamError(f"{path}: cannot read {_WHAT}: it is larger than any camera's")
-    return data
+        # A read of a length makes room for it first, so it must not be the largest there may be.
+        length = file.seek(0, 2)
+        if length > _LARGEST_FILE:
+            raise VislamError(f"{path}: cannot read {_WHAT}: it is larger than any camera's")
+        file.seek(0)
+        return file.read(length)
 
 
 def _claimed_size(data: bytes) -> Size | None:

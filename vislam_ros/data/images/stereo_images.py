@@ -51,6 +51,14 @@ class Motion:
     twists: NDArray[np.float64]
     accelerations: NDArray[np.float64] | None = None
 
+    def during(self, stamps: NDArray[np.int64]) -> "Motion":
+        """Samples in the time of some stamps, increasing, and those just before and after."""
+        first = max(int(np.searchsorted(self.stamps, stamps[0], side="right")) - 1, 0)
+        last = int(np.searchsorted(self.stamps, stamps[-1], side="left")) + 1
+        rows = slice(first, max(last, first + 1))
+        accelerations = None if self.accelerations is None else self.accelerations[rows]
+        return Motion(self.stamps[rows], self.twists[rows], accelerations)
+
     @classmethod
     def of_imu(
         cls,

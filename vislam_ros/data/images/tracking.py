@@ -10,7 +10,7 @@ from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.images.stereo_images import Motion, StereoImages
 from vislam_ros.errors import VislamError
-from vislam_ros.frontend.grey import grey
+from vislam_ros.frontend.grey import GreyStream
 from vislam_ros.frontend.rectification import Rectification
 from vislam_ros.frontend.settings import TrackerSettings
 from vislam_ros.frontend.tracker import StereoTracker
@@ -36,7 +36,8 @@ def tracked_drive(
     Returns
     -------
     Drive
-        With the camera of the rectified images, and the noise that the front end states.
+        With the camera of the rectified images, the noise that the front end states, and the
+        motion in the time of the images.
 
     Raises
     ------
@@ -49,9 +50,12 @@ def tracked_drive(
         raise VislamError(
             f"{images.name}: nothing tells {what}: give a dataset or a bag that does with --motion"
         )
+    motion = motion.during(images.stamps)
     rectification = Rectification(images.rig)
     camera = rectification.camera
     tracker = StereoTracker(camera, rectification.image_size, settings or TrackerSettings())
+    # A camera's images are scaled alike, those of 16 bits.
+    left_greys, right_greys = GreyStream(), GreyStream()
     R_camera_body = camera.T_camera_body[:3, :3]
     ids: list[NDArray[np.uint32]] = [np.empty(0, dtype=np.uint32)]
     pixels: list[NDArray[np.float32]] = [np.empty((0, 4), dtype=np.float32)]
@@ -60,7 +64,7 @@ def tracked_drive(
     for k, (stamp, left, right) in enumerate(images.pairs(), start=1):
         turn = None if before is None else turn_between(motion, before, stamp)
         R_now_before = None if turn is None else R_camera_body @ turn.T @ R_camera_body.T
-        rectified = rectification.rectify(grey(*left), grey(*right))
+        rectified = rectification.rectify(left_greys.grey(*left), right_greys.grey(*right))
         tracked = tracker.track(*rectified, R_now_before)
         ids.append(tracked.ids)
         pixels.append(tracked.pixels)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vislam_ros.core.step import StepTotals
-from vislam_ros.data.evaluation.evaluate import compare, first_pose_alignment, path_length
+from vislam_ros.data.evaluation.alignment import first_pose_alignment
+from vislam_ros.data.evaluation.evaluate import compare, path_length
 from vislam_ros.data.files.whole_file import made_directory, refuse_existing, replace_files
 from vislam_ros.data.pictures import palette
 from vislam_ros.data.results.reader import Results

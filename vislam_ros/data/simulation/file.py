@@ -4,6 +4,7 @@
 
 import io
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -63,13 +64,18 @@ def write_simulated(path: Path, simulated: SimulatedDrive, *, force: bool = Fals
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
         _write_features(archive, drive)
-        for name, array in arrays.items():
-            with archive.open(_member(name), "w") as file:
-                np.lib.format.write_array(file, np.ascontiguousarray(array))
+        write_arrays(archive, arrays)
     truth = drive.ground_truth
     assert truth is not None
     replace_files({truth_path: tum_text(truth).encode("ascii"), path: content.getvalue()})
     return truth_path
+
+
+def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, NDArray[np.generic]]) -> None:
+    """Write arrays as members of an ``.npz`` file, whose bytes depend on them alone."""
+    for name, array in arrays.items():
+        with archive.open(_member(name), "w") as file:
+            np.lib.format.write_array(file, np.ascontiguousarray(array))
 
 
 def _member(name: str) -> zipfile.ZipInfo:

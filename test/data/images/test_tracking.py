@@ -1,0 +1,128 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Images become a drive whose tracks, camera and motion are those of the images."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from imagery.bags import OURS, drive_messages, write_messages
+from imagery.folders import (
+    CAMERA,
+    DISPARITY,
+    PERIOD,
+    SHIFT,
+    SIZE,
+    STAMPS,
+    write_asl,
+    write_course,
+    write_dataset,
+    write_kitti_odometry,
+)
+from rewriting import assert_same
+
+from vislam_ros.core.geometry import se3
+from vislam_ros.data.image_sources import read_images
+from vislam_ros.data.images.pairing import pair_stamps
+from vislam_ros.data.images.stereo_images import Motion
+from vislam_ros.data.images.tracking import tracked_drive, turn_between
+from vislam_ros.data.loading import load_drive
+from vislam_ros.errors import VislamError
+
+
+def test_tracks_move_as_the_wall_does(tmp_path: Path) -> None:
+    shares: list[float] = []
+    images = read_images(write_asl(tmp_path / "V1_01"))
+    drive = tracked_drive(images, progress=shares.append)
+    assert shares[-1] == 1.0
+    assert (drive.name, drive.image_size) == ("V1_01", SIZE)
+    np.testing.assert_array_equal(drive.feature_stamps, STAMPS)
+    assert np.diff(drive.offsets).min() > 20
+    ids_before, before = drive.frame(3)
+    ids, pixels = drive.frame(4)
+    _, rows_before, rows = np.intersect1d(ids_before, ids, return_indices=True)
+    assert len(rows) > 15
+    moved = pixels[rows, 0] - before[rows_before, 0]
+    assert np.median(np.abs(moved + SHIFT)) < 0.05
+    assert np.median(np.abs(drive.pixels[:, 0] - drive.pixels[:, 2] - DISPARITY)) < 0.05
+    assert drive.noise.shape == drive.ids.shape
+    assert np.all(drive.noise > 0)
+
+
+def test_the_camera_is_that_of_the_rig(tmp_path: Path) -> None:
+    drive = tracked_drive(read_images(write_asl(tmp_path / "V1_01")))
+    camera = drive.camera
+    assert (camera.fx, camera.cx, camera.cy) == (CAMERA.fx, CAMERA.cx, CAMERA.cy)
+    assert camera.baseline == pytest.approx(CAMERA.baseline)
+    np.testing.assert_allclose(camera.T_body_camera, CAMERA.T_body_camera, atol=1e-12)
+
+
+def test_every_source_of_the_same_images_gives_the_same_tracks(tmp_path: Path) -> None:
+    motion = write_dataset(tmp_path / "motion.npz")
+    sources = (
+        write_asl(tmp_path / "V1_01"),
+        write_kitti_odometry(tmp_path / "06"),
+        write_course(tmp_path / "course"),
+        write_messages(tmp_path / "bag", drive_messages(OURS)),
+    )
+    first, *others = (load_drive(source, motion=motion) for source in sources)
+    for other in others:
+        assert_same(other.ids, first.ids)
+        assert_same(other.pixels, first.pixels)
+        assert_same(other.feature_stamps, first.feature_stamps)
+        assert_same(other.twists, first.twists)
+
+
+def test_the_motion_is_that_of_the_time_of_the_images(tmp_path: Path) -> None:
+    images = read_images(write_asl(tmp_path / "V1_01"))
+    drive = tracked_drive(images)
+    assert images.motion.stamps[0] < STAMPS[0] - PERIOD // 2
+    assert drive.twist_stamps[0] == STAMPS[0]
+    assert drive.twist_stamps[-1] == STAMPS[-1]
+
+
+def test_images_without_motion_or_times_are_refused(tmp_path: Path) -> None:
+    folder = write_kitti_odometry(tmp_path / "06")
+    with pytest.raises(VislamError, match="06: nothing tells the motion: give a dataset or a bag"):
+        load_drive(folder)
+
+
+def test_motion_for_what_holds_no_images_is_refused(tmp_path: Path) -> None:
+    data = write_dataset(tmp_path / "drive.npz")
+    with pytest.raises(VislamError, match=r"drive\.npz: holds no images: leave out --motion"):
+        load_drive(data, motion=data)
+
+
+def test_turns_add_up_over_whole_samples_and_parts_of_them() -> None:
+    rng = np.random.default_rng(8)
+    stamps = np.cumsum(rng.integers(4_000_000, 6_000_000, 50))
+    omega = rng.normal(size=(50, 3))
+    motion = Motion.of_imu(stamps, omega)
+    begin, end = int(stamps[9]) - 1_000_000, int(stamps[30]) + 2_000_000
+    expected = np.eye(3)
+    now = begin
+    for k in range(9, 32):
+        then = min(int(stamps[k]), end)
+        expected = expected @ se3.exp_rotation(omega[k] * (then - now) * 1e-9)
+        now = then
+    np.testing.assert_allclose(turn_between(motion, begin, end), expected, atol=1e-14)
+    middle = int(stamps[20]) + 300_000
+    both = turn_between(motion, begin, middle) @ turn_between(motion, middle, end)
+    np.testing.assert_allclose(both, expected, atol=1e-14)
+
+
+def test_there_is_no_turn_beyond_the_motion() -> None:
+    motion = Motion.of_imu(np.array([100, 200, 300]), np.ones((3, 3)))
+    assert turn_between(motion, 99, 200) is None
+    assert turn_between(motion, 200, 301) is None
+    assert turn_between(motion, 100, 300) is not None
+
+
+def test_stamps_are_paired_with_their_nearest_within_the_tolerance() -> None:
+    first = np.array([0, 100, 200, 300, 400])
+    second = np.array([4, 151, 198, 305, 450, 500])
+    pairs = pair_stamps(first, second, 50)
+    np.testing.assert_array_equal(pairs.first, [0, 2, 3, 4])
+    np.testing.assert_array_equal(pairs.second, [0, 2, 3, 4])
+    assert len(pair_stamps(first, second[4:], 49).first) == 0
+    assert len(pair_stamps(first, np.empty(0, dtype=np.int64), 49).first) == 0
