@@ -31,7 +31,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/config", sorted(str(path) for path in Path("config").glob("*.*ml"))),
+        (f"share/{PACKAGE}/config", sorted(map(str, Path("config").iterdir()))),
+        (f"share/{PACKAGE}/launch", sorted(map(str, Path(PACKAGE, "launch").glob("*.launch.py")))),
     ],
     zip_safe=False,
     python_requires=">=3.10",

@@ -64,7 +64,7 @@ def arguments(share: Path) -> dict[str, Argument]:
         "use_sim_time": Argument(
             "false", "Take the time of /clock, which the player then publishes", _SWITCH
         ),
-        "rviz": Argument("false", "Start RViz", _SWITCH),
+        "rviz": Argument("false", "Start RViz with rviz_config", _SWITCH),
         "rviz_config": Argument(str(share / "config" / "vislam.rviz"), "What RViz shows"),
         "log_level": Argument("info", "Log level of the nodes"),
     }
