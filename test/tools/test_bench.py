@@ -119,7 +119,7 @@ def test_an_unknown_section_is_wrong_usage() -> None:
     result = bench("--only", "floor,roof")
     assert result.returncode == 2
     assert (
-        "floor, dense, growth, drives, peers, consistency, tracks, redrawn, battery"
+        "floor, dense, growth, drives, peers, consistency, tracks, redrawn, frontend, battery"
         in result.stderr
     )
 

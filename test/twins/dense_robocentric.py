@@ -123,8 +123,7 @@ class DenseRobocentricFilter:
         rejected = []
         factors = self.factors(frame)
         if known:
-            seen = [keys[i] for i in known], frame.pixels[known], factors[known]
-            rejected = self.correct(*seen)
+            rejected = self.correct([keys[i] for i in known], frame.pixels[known], factors[known])
             sampled = bool(increment.parts) and measured is not None
             if self.settings.learn_noise and sampled and len(rejected) < len(known):
                 change = self.estimate[TWIST] - twist
@@ -224,9 +223,8 @@ class DenseRobocentricFilter:
         if frame.noise is None:
             return np.ones(len(frame.keys))
         variances = frame.noise**2 / self.told_V[0, 0]
-        noise.usual_factor = float(np.mean(variances))
-        more = max(noise.level - 1, 0)
-        return (variances + more * noise.usual_factor) / max(noise.level, 1)
+        noise.usual_factor = mean = float(np.mean(variances))
+        return (variances + max(noise.level - 1, 0) * mean) / max(noise.level, 1)
 
     def correct(self, keys: list[int], pixels: Array, factors: Array) -> list[int]:
         noise = self.track_noise
@@ -236,9 +234,8 @@ class DenseRobocentricFilter:
         z = self.image_points(pixels)
         residual = z + self.estimate[LENS] * shift(self.camera, z).real - self.estimate[rows]
         expected = noise.expected(variances, self.estimate[rows])
-        own = np.array(
-            [self.P[np.ix_(row, row)] + np.diag(R) for row, R in zip(rows, expected, strict=True)]
-        )
+        pairs = zip(rows, expected, strict=True)
+        own = np.array([self.P[np.ix_(row, row)] + np.diag(R) for row, R in pairs])
         gate = noise.gate(self.settings.chi2_gate)
         passes = passes_gates(residual, own, gate, self.settings.pixel_gate)
         told = noise.components
@@ -269,8 +266,8 @@ class DenseRobocentricFilter:
             each = np.kron(np.eye(len(kept)), some_rows)
             S_inverse = np.linalg.inv(H @ self.P @ H.T + R)
             information = np.diag(each.T @ S_inverse @ each).copy()
-            weighted = each.T @ S_inverse @ innovation
-            noise.update(slots[kept], residual[kept], variances[kept], information, weighted)
+            told_of = slots[kept], residual[kept], variances[kept]
+            noise.update(*told_of, information, each.T @ S_inverse @ innovation)
         self.marginalize(rejected)
         if len(H):
             self.update(H, R, innovation)

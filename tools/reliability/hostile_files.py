@@ -12,6 +12,7 @@ import numpy as np
 
 from reliability.hostile_arrays import archives, pickles
 from reliability.hostile_bags import bags
+from reliability.hostile_images import images
 from reliability.hostile_texts import parameters, results, trajectories
 from vislam_ros.cli.main import main as vislam
 from vislam_ros.errors import VislamError
@@ -59,6 +60,7 @@ def cases(folder: Path) -> list[Case]:
         *_of("archives", archives(folder, dict(np.load(data))), "solve", "{}", "--out", OUT),
         *_of("pickles", pickles(folder), "convert", "{}", OUT),
         *_of("bags", bags(folder, bag), "solve", "{}", "--out", OUT),
+        *_of("images", images(folder), "track", "{}", f"{OUT}.npz"),
         *_of("parameters", parameters(folder), "solve", data, "--params", "{}", "--out", OUT),
         *_of("trajectories", trajectories(folder), "evaluate", solved, "--reference", "{}"),
         *_of("results", results(folder, solved), "plot", "{}", "--output", OUT),

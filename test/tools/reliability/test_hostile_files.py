@@ -64,7 +64,7 @@ def test_every_hostile_file_is_one_line_and_leaves_nothing(
     hostile: list[Case], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tried = [case for case in hostile if not case.limits and case.stdout == os.devnull]
-    assert len({case.kind for case in tried}) == 9
+    assert len({case.kind for case in tried}) == 10
     assert not faults(tried, tmp_path, capsys)
 
 

@@ -129,7 +129,7 @@ def test_a_folder_without_an_imu_has_no_motion_of_its_own(tmp_path: Path) -> Non
 KITTI: dict[str, tuple[Fault, str]] = {
     "no left images": (gone("calib.txt"), "holds no images"),
     "no right camera": (edit("calib.txt", "P1:", "Q1:"), "has no P1: it has P0, Q1"),
-    "few numbers": (edit("calib.txt", "P0: 100.0", "P0:"), "P0 holds 11 numbers, not 12 finite"),
+    "few numbers": (edit("calib.txt", "P0: 100.0", "P0:"), "P0 holds 11 numbers, not 12, or"),
     "no projection": (edit("calib.txt", "P0: 100.0 0.0", "P0: 100.0 3.0"), "P0 is no projection"),
     "no focal length": (edit("calib.txt", "P0: 100.0", "P0: 0.0"), "a focal length of 0 px"),
     "no time": (edit("times.txt", "2.000000e-01", "later"), "line 3 is 'later', no seconds"),

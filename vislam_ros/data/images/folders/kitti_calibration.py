@@ -56,7 +56,9 @@ def numbers(path: Path, fields: Fields, name: str, count: int) -> Array:
         has = ", ".join(fields) or "no line of numbers"
         raise VislamError(f"{path}: has no {name}: it has {has}")
     if len(values) != count or not np.all(np.isfinite(values)):
-        raise VislamError(f"{path}: {name} holds {len(values)} numbers, not {count} finite ones")
+        raise VislamError(
+            f"{path}: {name} holds {len(values)} numbers, not {count}, or one is not finite"
+        )
     return values
 
 

@@ -76,7 +76,7 @@ def _stamp(path: Path, number: int, text: str) -> int:
     stamp = _parsed(int, [text]) if len(text) <= 20 else None
     if stamp is None or not 0 <= stamp[0] <= np.iinfo(np.int64).max:
         raise VislamError(
-            f"{path}: line {number} begins with {text!r:.50}, no stamp in nanoseconds"
+            f"{path}: line {number} begins with {text[:40]!r}, no stamp in nanoseconds"
         )
     return int(stamp[0])
 
