@@ -33,7 +33,8 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         # Named in colcon.pkg: whoever sources the workspace has `vislam` on the PATH.
         (f"share/{PACKAGE}/hook", ["resource/hook/executables.dsv"]),
-        (f"share/{PACKAGE}/config", sorted(str(path) for path in Path("config").glob("*.*ml"))),
+        (f"share/{PACKAGE}/config", sorted(map(str, Path("config").iterdir()))),
+        (f"share/{PACKAGE}/launch", sorted(map(str, Path(PACKAGE, "launch").glob("*.launch.py")))),
     ],
     zip_safe=False,
     python_requires=">=3.10",

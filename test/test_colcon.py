@@ -68,8 +68,10 @@ def test_the_package_and_its_executables_are_where_ros2_run_looks(
     for name in EXECUTABLES:
         assert os.access(prefix / "lib" / "vislam_ros" / name, os.X_OK), name
     share = Path(packages.get_package_share_directory("vislam_ros"))
-    for path in (REPOSITORY / "config").glob("*.yaml"):
+    for path in (REPOSITORY / "config").iterdir():
         assert (share / "config" / path.name).read_bytes() == path.read_bytes()
+    launch_file = REPOSITORY / "vislam_ros" / "launch" / "vislam.launch.py"
+    assert (share / "launch" / launch_file.name).read_bytes() == launch_file.read_bytes()
 
 
 def test_the_installed_command_runs_the_installed_modules(

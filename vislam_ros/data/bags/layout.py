@@ -99,6 +99,7 @@ TOPICS = (
 """Of a drive, in the order in which messages of one stamp are written: what predicts before what
 corrects."""
 
+TRACK_IMAGE = Topic("stereo/tracks/image", "sensor_msgs/msg/Image")
 PREDICTION = Topic("prediction/odometry", "nav_msgs/msg/Odometry", stream=Stream.PREDICTION)
 ODOMETRY = Topic("slam/odometry", "nav_msgs/msg/Odometry")
 STEPS = Topic("slam/steps", "diagnostic_msgs/msg/DiagnosticArray")
