@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.data.datasets.fitted_translation import fitted_translations
 from vislam_ros.data.datasets.step_pairs import StepPairs, step_pairs
 from vislam_ros.data.datasets.twist_origin import (
     is_nearer,
@@ -112,7 +113,7 @@ def settle_conventions(drive: Drive, conventions: Conventions) -> Drive:
 
 def _settle_origin(drive: Drive, camera_as_given: StereoCamera, twist_origin: str) -> Drive:
     """Move the twists to the body where they are those of a misplaced IMU."""
-    if twist_origin == "body":
+    if twist_origin == "body" or not drive.measures_velocity:
         return drive
     imu = misplaced_imu(camera_as_given)
     if drive.camera != camera_as_given:
@@ -181,15 +182,19 @@ def reprojection_errors(drive: Drive, pairs: StepPairs) -> Array:
     """Pixels, (m,), between where a step's twist moves each landmark and where it is seen.
 
     ``|pi(T_cb Exp(-tau u) T_bc pi^-1(y_k)) - z_{k+1}|`` in the left image; landmarks that would
-    end behind the camera are left out.
+    end behind the camera are left out. Where no velocity is measured, it is the one of each step
+    that fits best.
     """
     camera = drive.camera
     tau = np.diff(drive.twist_stamps) / NANOSECONDS
-    T_after_before = (
-        camera.T_camera_body @ se3.exp(-tau[:, None] * drive.twists[1:]) @ camera.T_body_camera
-    )[pairs.steps]
+    motion = se3.exp(-tau[:, None] * np.nan_to_num(drive.twists[1:]))
+    T_after_before = (camera.T_camera_body @ motion @ camera.T_body_camera)[pairs.steps]
     points = camera.triangulate(pairs.y)
-    moved = (T_after_before[:, :3, :3] @ points[..., None])[..., 0] + T_after_before[:, :3, 3]
+    moved = (T_after_before[:, :3, :3] @ points[..., None])[..., 0]
+    if drive.measures_velocity:
+        moved += T_after_before[:, :3, 3]
+    else:
+        moved += fitted_translations(camera, pairs.steps, moved, pairs.left)
     ahead = moved[:, 2] > _MIN_DEPTH
     projected = camera.project(moved[ahead])
     return np.asarray(np.linalg.norm(projected[:, [0, 2]] - pairs.left[ahead], axis=1))

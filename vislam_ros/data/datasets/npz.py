@@ -7,7 +7,8 @@ The format (M tracks, T steps), in every spelling in use; velocities may be tran
     features (4, M, T)   u_left, v_left, u_right, v_right in pixels; all four -1 where unseen;
                          in another order where the lengths leave no doubt; may be missing
     time_stamps, timestamps (T,)                           UNIX seconds
-    linear_velocity, v_t (3, T)                            metres a second, in the IMU's axes
+    linear_velocity, v_t (3, T)                            metres a second, in the IMU's axes;
+                                                           missing or NaN: a gyroscope alone
     angular_velocity, rotational_velocity, w_t (3, T)      radians a second, in the IMU's axes
     K, K_l (3, 3)                                          intrinsics; K_r where they differ
     b, baseline                                            metres; or extL_T_imu and extR_T_imu
@@ -44,9 +45,11 @@ from vislam_ros.errors import VislamError
 Array = NDArray[np.float64]
 
 FEATURES = "features"
+NO_FEATURES = "There are no features: what is left is dead reckoning."
+LINEAR_VELOCITY = ("linear_velocity", "v_t")
+NO_VELOCITY = "There are no velocities: the gyroscope alone tells the motion."
 SPELLINGS = {
     "time stamps": ("time_stamps", "timestamps"),
-    "linear velocity": ("linear_velocity", "v_t"),
     "angular velocity": ("angular_velocity", "rotational_velocity", "w_t"),
     "intrinsics": ("K", "K_l"),
     "baseline": ("b", "baseline", "extR_T_imu"),
@@ -99,14 +102,17 @@ def read_with_rectification(
     with open_arrays(path) as arrays:
         keys = {what: _find_key(path, arrays, what) for what in SPELLINGS}
         stamps = _stamps(path, arrays, keys["time stamps"])
-        velocity = _velocity(path, arrays, keys["linear velocity"], len(stamps), VELOCITY)
+        velocity, notes = _linear_velocity(path, arrays, len(stamps))
+        omega = keys["angular velocity"]
         angular_velocity = _velocity(
-            path, arrays, keys["angular velocity"], len(stamps), TURN_RATE
+            path, omega, finite(path, arrays, omega), len(stamps), TURN_RATE
         )
         readings = read_pairs(path, arrays, keys, conventions.extrinsics)
         truth = _ground_truth(path, arrays, stamps) if GROUND_TRUTH in arrays else None
-        unknown = sorted(set(arrays) - {*keys.values(), FEATURES, *_COMPANIONS})
-        features, notes = _features(path, arrays, len(stamps), progress)
+        known = {*keys.values(), *LINEAR_VELOCITY, FEATURES, *_COMPANIONS}
+        unknown = sorted(set(arrays) - known)
+        features, of_features = _features(path, arrays, len(stamps), progress)
+    notes += of_features
 
     if unknown:
         notes.append(f"Ignored keys that are no part of the format: {', '.join(unknown)}.")
@@ -170,9 +176,24 @@ def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
     return stamps
 
 
-def _velocity(path: Path, arrays: Arrays, key: str, steps: int, meant: Range) -> Array:
-    """Read a velocity (T, 3) that is stored as (3, T) or, unless T is 3 too, as (T, 3)."""
-    values = finite(path, arrays, key)
+def _linear_velocity(path: Path, arrays: Arrays, steps: int) -> tuple[Array, list[str]]:
+    """Read the velocity (T, 3), NaN where the file has none, and notes."""
+    keys = [key for key in LINEAR_VELOCITY if key in arrays]
+    if not keys:
+        return np.full((steps, 3), np.nan), [NO_VELOCITY]
+    values = arrays[keys[0]]().array()
+    unknown = np.isnan(values)
+    if not unknown.any():
+        return _velocity(path, keys[0], finite(path, arrays, keys[0]), steps, VELOCITY), []
+    _velocity(path, keys[0], np.nan_to_num(values, nan=0.0, posinf=np.inf), steps, VELOCITY)
+    return np.full((steps, 3), np.nan), [
+        f"{int(unknown.sum())} of {unknown.size} velocities are NaN: the gyroscope alone tells "
+        "the motion."
+    ]
+
+
+def _velocity(path: Path, key: str, values: Array, steps: int, meant: Range) -> Array:
+    """Check a velocity (T, 3) that is stored as (3, T) or, unless T is 3 too, as (T, 3)."""
     meant.require(values, f"{path}: {key}")
     if values.shape == (3, steps):
         return values.T
@@ -188,7 +209,7 @@ def _features(
 ) -> tuple[DenseFeatures, list[str]]:
     """Observations, and notes on how they were found."""
     if FEATURES not in arrays:
-        return no_features(steps), ["There are no features: what is left is dead reckoning."]
+        return no_features(steps), [NO_FEATURES]
     stream = arrays[FEATURES]()
     axes, order = _axes(path, stream.shape, steps), []
     if axes != (0, 1, 2):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.stereo_rig import StereoRig
+from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.trajectory import Trajectory
 
 
@@ -90,6 +91,8 @@ class StereoImages:
     timed : bool
         Whether the source tells when the images were taken.
     motion : Motion or None
+    unsettled : Conventions or None
+        How to find from the images what the twists mean, where nothing has told it yet.
     ground_truth : Trajectory or None
         Poses of the body in its first pose's frame, where they are known.
     notes : tuple of str
@@ -103,6 +106,7 @@ class StereoImages:
     reader: PairReader
     timed: bool = True
     motion: Motion | None = None
+    unsettled: Conventions | None = None
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
+from vislam_ros.data.datasets.conventions import settle_conventions
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.images.stereo_images import Motion, StereoImages
@@ -24,6 +25,8 @@ def tracked_drive(
     progress: Progress | None = None,
 ) -> Drive:
     """Track features through images, one pair in memory at a time.
+
+    Where nothing has told yet which axes the twists have and which steps, the tracks tell it.
 
     Parameters
     ----------
@@ -47,8 +50,11 @@ def tracked_drive(
     motion = images.motion
     if motion is None or not images.timed:
         what = "the motion" if motion is None else "the times of the images"
+        # A reader may have refused all of it.
+        skipped = "".join(f" ({note.rstrip('.')})" for note in images.notes if "Skipped" in note)
         raise VislamError(
-            f"{images.name}: nothing tells {what}: give a dataset or a bag that does with --motion"
+            f"{images.name}: nothing tells {what}: give a dataset or a bag that does with "
+            f"--motion{skipped}"
         )
     motion = motion.during(images.stamps)
     rectification = Rectification(images.rig)
@@ -62,7 +68,9 @@ def tracked_drive(
     noise: list[NDArray[np.float32]] = [np.empty(0, dtype=np.float32)]
     before: int | None = None
     for k, (stamp, left, right) in enumerate(images.pairs(), start=1):
-        turn = None if before is None else turn_between(motion, before, stamp)
+        turn = None
+        if before is not None and images.unsettled is None:
+            turn = turn_between(motion, before, stamp)
         R_now_before = None if turn is None else R_camera_body @ turn.T @ R_camera_body.T
         rectified = rectification.rectify(left_greys.grey(*left), right_greys.grey(*right))
         tracked = tracker.track(*rectified, R_now_before)
@@ -72,7 +80,7 @@ def tracked_drive(
         before = stamp
         if progress is not None:
             progress(k / len(images))
-    return Drive(
+    drive = Drive(
         name=images.name,
         camera=camera,
         image_size=rectification.image_size,
@@ -86,6 +94,9 @@ def tracked_drive(
         ground_truth=images.ground_truth,
         notes=images.notes,
     )
+    if images.unsettled is None or not np.array_equal(drive.twist_stamps, drive.feature_stamps):
+        return drive
+    return settle_conventions(drive, images.unsettled)
 
 
 def turn_between(motion: Motion, begin: int, end: int) -> Array | None:
