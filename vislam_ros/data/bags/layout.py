@@ -37,6 +37,10 @@ LATCHED_QOS = STREAM_QOS._replace(
 """Sent once, kept for those who come later."""
 
 
+VIEW_QOS = STREAM_QOS._replace(history=QosHistory.KEEP_LAST, depth=100)
+"""Of transforms, as tf2 itself has it: a viewer that is slow must not hold up the nodes."""
+
+
 @dataclass(frozen=True)
 class Topic:
     """A topic of the graph.
@@ -108,7 +112,7 @@ LANDMARKS = Topic("slam/landmarks", "sensor_msgs/msg/PointCloud2", LATCHED_QOS)
 PATH = Topic("slam/path", "nav_msgs/msg/Path")
 PLAYER = Topic("player/status", "diagnostic_msgs/msg/DiagnosticArray", LATCHED_QOS)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-TRANSFORMS = Topic("/tf", "tf2_msgs/msg/TFMessage")
+TRANSFORMS = Topic("/tf", "tf2_msgs/msg/TFMessage", VIEW_QOS)
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock")
 
 

@@ -70,7 +70,7 @@ class Scene:
         """
         if not _can_be_shown(position, quaternion):
             return
-        yield _transform(TRANSFORMS, stamp, position, quaternion, parent, child)
+        yield transform_message(TRANSFORMS, stamp, position, quaternion, parent, child)
         self._predictions.append(
             _Placed(stamp, se3.pose_matrix(position, quaternion), parent, child)
         )
@@ -129,7 +129,7 @@ class Scene:
                 T_odom_base = se3.interpolate(before.T, after.T, share)
             T = step.T @ se3.inverse(T_odom_base)
             quaternion = se3.quaternion_from_rotation(T[:3, :3])
-            yield _transform(
+            yield transform_message(
                 TRANSFORMS, step.stamp, T[:3, 3], quaternion, step.parent, before.parent
             )
 
@@ -146,12 +146,13 @@ def static_transform(
     stamp: int, position: ArrayLike, quaternion: ArrayLike, parent: str, child: str
 ) -> Made:
     """Message on ``tf_static`` with a stamp (ns), as extrinsics have it."""
-    return _transform(STATIC_TRANSFORMS, stamp, position, quaternion, parent, child)
+    return transform_message(STATIC_TRANSFORMS, stamp, position, quaternion, parent, child)
 
 
-def _transform(
+def transform_message(
     topic: Topic, stamp: int, position: ArrayLike, quaternion: ArrayLike, parent: str, child: str
 ) -> Made:
+    """Message of one transform: the pose of ``child`` in ``parent`` at a stamp (ns)."""
     x, y, z = (float(value) for value in np.asarray(position))
     transform = _NEW["TransformStamped"](
         header=_header(stamp, parent),
