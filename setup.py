@@ -90,6 +90,7 @@ setup(
             "imu_prediction_node = vislam_ros.nodes.imu_prediction_node:main",
             "recorder_node = vislam_ros.nodes.recorder_node:main",
             "slam_node = vislam_ros.nodes.slam_node:main",
+            "stereo_tracker_node = vislam_ros.nodes.stereo_tracker_node:main",
             "vislam = vislam_ros.cli.main:main",
         ],
     },

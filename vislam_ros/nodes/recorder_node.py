@@ -37,6 +37,7 @@ from vislam_ros.data.bags.layout import (
     Topic,
 )
 from vislam_ros.data.results.completeness import (
+    TRACKER,
     Ledger,
     NodeReport,
     RecordedSteps,
@@ -103,7 +104,7 @@ class RecorderNode(Node):
         self.monitor = Monitor(self, self._describe)
         self._map = MapRequest(self, self.monitor.guard("map", self._on_map_request))
         on_parameters = self.monitor.guard("parameters", self._on_parameters)
-        self._query = ParameterQuery(self, QUERIED, on_parameters)
+        self._query = ParameterQuery(self, QUERIED, on_parameters, if_there=(TRACKER,))
         self._record(ODOMETRY, self.on_odometry)
         self._record(STEPS, self.on_step)
         self._record(GYRO_BIAS, self.on_gyro_bias)
@@ -214,7 +215,7 @@ class RecorderNode(Node):
         self.recording.add_other(raw)
         for entry in message.status:
             node = neighbour(self, entry.name)
-            if node not in QUERIED:
+            if node not in (*QUERIED, TRACKER):
                 continue
             values = {value.key: value.value for value in entry.values}
             if node == "slam_node":

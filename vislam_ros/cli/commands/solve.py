@@ -32,7 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_used(arguments.out, force=arguments.force)
     results: list[PassResults] = []
     refused = RefusalCounts()
-    for number, drive in enumerate(read_input(arguments, parameters.reading), start=1):
+    for number, drive in enumerate(
+        read_input(arguments, parameters.reading, parameters.tracker), start=1
+    ):
         directory = pass_directory(arguments.out, number)
         with ResultWriter(directory, force=arguments.force, started=started) as writer:
             writer.summary.drive = drive.name

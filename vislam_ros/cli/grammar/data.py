@@ -14,6 +14,7 @@ from vislam_ros.cli.grammar.shared import (
     add_namespace,
     add_reading,
     add_remap,
+    add_tracks,
 )
 
 
@@ -141,10 +142,12 @@ def add_convert(commands: Commands) -> None:
     parser = add_command(
         commands,
         "convert",
-        "write a dataset as an MCAP bag",
+        "write a dataset or images as an MCAP bag",
         """\
   vislam convert drive.npz drive_bag
   vislam convert 03.npz 03_bag --imu-frame flu --reference 03.tum --force
+  vislam convert V1_01_easy v1_bag                images, for the live graph with its tracker
+  vislam convert V1_01_easy v1_tracks --tracks    tracks of them, which is smaller
 """,
     )
     parser.add_argument(
@@ -155,6 +158,7 @@ def add_convert(commands: Commands) -> None:
     )
     parser.add_argument("output", metavar="OUT", type=Path, help="bag directory to make")
     add_motion(parser)
+    add_tracks(parser, "write the tracks of images, and not the images themselves")
     add_reading(parser)
     parser.add_argument(
         "--reference", type=Path, metavar="REF.tum", help="becomes ground_truth/odometry"

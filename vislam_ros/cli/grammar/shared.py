@@ -102,6 +102,11 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_tracks(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add whether images are tracked before they go on."""
+    parser.add_argument("--tracks", action="store_true", help=text)
+
+
 def add_remap(parser: argparse.ArgumentParser) -> None:
     """Add what a bag calls its topics."""
     parser.add_argument(

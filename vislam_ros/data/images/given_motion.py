@@ -148,6 +148,8 @@ def _moved(images: StereoImages, given: GivenMotion) -> StereoImages:
         rig=rig,
         motion=given.motion,
         unsettled=given.unsettled,
+        turns=None,
+        is_of_graph=False,
         ground_truth=truth,
         notes=(*images.notes, *given.notes),
     )
