@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tracks that do not go with the scene: moving objects, wrong matches, points that slide.
 
-Over the life of a track what it is off by adds up to noise alone where it belongs to the scene. The
-sum S of its errors, with a disparity that is wrong throughout beside their own noise, has a
+Over the life of a track what it is off by adds up to noise alone where it belongs to the scene.
+The sum S of its errors, with a disparity that is wrong throughout beside their own noise, has a
 covariance C, and ``S^T C^-1 S`` is chi-square of two degrees of freedom.
 """
 
@@ -28,20 +28,16 @@ _LEAST_STD, _DISPARITY_STD = 1.0, 1.0
 _USUAL, _BEYOND_CHANCE = 0.005, 3.0
 
 
-def judge_moving_tracks(motions: StepMotions) -> Finding | None:
-    """Tell the share of tracks that go their own way; None where it is a usual one."""
-    told = tracks_off(motions)
-    if told is None:
-        return None
-    off, tracks = told
+def judge_moving_tracks(off: int, tracks: int) -> Finding | None:
+    """Tell the share of tracks that are off; None where it is small, or may be."""
     share = off / tracks
     error = math.sqrt(max(share * (1.0 - share), 1.0 / tracks) / tracks)
     if share - _BEYOND_CHANCE * error <= _USUAL:
         return None
     return Finding(
         "moving_tracks",
-        f"{share:.0%} of {tracks} tracks do not go with the scene: moving objects or wrong matches",
-        "gates reject them, and each track has a noise of its own",
+        f"{share:.0%} of {tracks} tracks do not go with the scene",
+        "moving objects or wrong matches, which the gates reject",
         True,
         {"share": share, "tracks": tracks, "off": off},
     )

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the right camera is as the calibration says: both images see a point in one row.
 
-To first order, a right image of other focal length, turned about its axis, or shifted up, makes the
-rows of a pair differ by a plane in the image point, ``a + b x + c y``, and a right camera that
+To first order, a right image of other focal length, turned about its axis, or shifted up, makes
+the rows of a pair differ by a plane in the image point, ``a + b x + c y``, and a right camera that
 stands higher by one in proportion to the disparity. A focal length that is off by c pixels moves
 the columns by c x, too, which no row shows: so what counts is how far both move the right pixel.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ _LEAST_STD = 0.02  # pixels: rounding
 
 
 def judge_right_camera(drive: Drive) -> Finding | None:
-    """Tell whether rows differ beyond their scatter; None where not, or where too few tell."""
+    """Tell whether right pixels are off; None where not, or where too few tracks tell."""
     camera, pixels = drive.camera, drive.pixels.astype(float)
     if len(np.unique(drive.ids)) < _FEWEST_TRACKS:
         return None
@@ -40,11 +41,8 @@ def judge_right_camera(drive: Drive) -> Finding | None:
     A = np.column_stack([np.ones(len(x)), x, y, depth])
     coefficients, weights, std = _robust(A, difference)
     covariance = _covariance(A, difference - A @ coefficients, weights, drive.ids)
-    # How far the right pixel is moved: rows as fitted, columns by the focal length's part and the
-    # turn's.
-    parts = np.stack(
-        [A, np.column_stack([np.zeros(len(x)), -y, x, np.zeros(len(x))])], axis=1
-    )
+    # How far the right pixel is moved: rows as fitted, columns by focal length and turn.
+    parts = np.stack([A, np.column_stack([np.zeros(len(x)), -y, x, np.zeros(len(x))])], axis=1)
     used = weights > 0
     M = np.einsum("nki,nkj->ij", parts[used], parts[used]) / max(int(used.sum()), 1)
     square = float(coefficients @ M @ coefficients)
@@ -71,13 +69,25 @@ def judge_right_camera(drive: Drive) -> Finding | None:
     )
 
 
+def corrected(drive: Drive, finding: Finding) -> Drive:
+    """Drive with its right pixels where the finding says they should be."""
+    camera, pixels, numbers = drive.camera, drive.pixels.astype(float), finding.numbers
+    x = (pixels[:, 2] - camera.cx) / camera.fx
+    y = (pixels[:, 3] - camera.cy) / camera.fy
+    turn = camera.fx * math.radians(numbers["roll_deg"])
+    depth = (pixels[:, 0] - pixels[:, 2]) * numbers["upward_share_of_baseline"]
+    pixels[:, 2] -= numbers["focal_length_px"] * x - turn * y
+    pixels[:, 3] -= numbers["rows_px"] + turn * x + numbers["focal_length_px"] * y + depth
+    return replace(drive, pixels=pixels.astype(np.float32))
+
+
 def _robust(A: Array, b: Array) -> tuple[Array, Array, float]:
     """Solve ``A x = b`` with Tukey's weights; x, the weights (n,) and the scatter."""
-    weights = np.ones(len(b))
+    weights: Array = np.ones(len(b))
     # The slope may hide in the rows' scatter at first.
     for _ in range(_ROUNDS):
         root = np.sqrt(weights)
-        x = np.linalg.lstsq(A * root[:, None], b * root, rcond=None)[0]
+        x: Array = np.linalg.lstsq(A * root[:, None], b * root, rcond=None)[0].astype(float)
         residuals = b - A @ x
         std = max(MEDIAN_TO_STD * float(np.median(np.abs(residuals))), _LEAST_STD)
         weights = np.maximum(1.0 - (residuals / (_TUKEY * std)) ** 2, 0.0) ** 2

@@ -143,7 +143,7 @@ def _points(pixels: NDArray[np.float32]) -> Array:
 
 
 def _mean_twists(drive: Drive) -> Array:
-    """Mean twist (T - 1, 6) over each step, NaN where none is known: a sample ends at its stamp."""
+    """Mean twist (T - 1, 6) over each step; NaN where none is known."""
     n = max(drive.steps - 1, 0)
     result = np.full((n, 6), np.nan)
     if not len(drive.twists):

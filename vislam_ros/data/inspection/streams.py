@@ -69,8 +69,9 @@ class Stream:
         duplicates = len(stamps) - zeros - len(times)
         late = int(np.sum(behind[stamps > 0] > 0))
         late_by = float(behind[stamps > 0].max(initial=0.0))
+        gaps: tuple[tuple[int, float], ...] = ()
         if len(times) < 2:
-            rate, jitter, gaps = 0.0, 0.0, ()
+            rate, jitter = 0.0, 0.0
         else:
             steps = np.diff(times) * _NANOSECONDS
             period = float(np.median(steps))
@@ -108,13 +109,13 @@ class Stream:
             yield f"{self.duplicates} stamps of {self.name} repeat another", True
         if self.late:
             yield (
-                f"{self.late} of {self.count} of {self.name} come up to {self.late_by:.2g} s after "
-                "a newer one",
+                f"{self.late} of {self.count} {self.name} come up to {self.late_by:.2g} s "
+                "after a newer one",
                 True,
             )
         if self.gaps:
             longest = max(length for _, length in self.gaps)
-            yield f"{self.name} are missing {len(self.gaps)} times, {longest:.2g} s at most", True
+            yield f"gaps in {self.name}: {len(self.gaps)}, of {longest:.2g} s at most", True
         if self.count >= _FEWEST and self.jitter * self.rate > _JITTER:
             yield (
                 f"steps of {self.name} scatter by {1e3 * self.jitter:.1f} ms about "
