@@ -5,7 +5,7 @@
 import argparse
 
 from vislam_ros import __version__
-from vislam_ros.cli.grammar.data import add_convert, add_simulate, add_track
+from vislam_ros.cli.grammar.data import add_convert, add_inspect, add_simulate, add_track
 from vislam_ros.cli.grammar.estimation import add_run, add_solve, add_sweep
 from vislam_ros.cli.grammar.playing import add_play
 from vislam_ros.cli.grammar.results import add_evaluate, add_export, add_plot, add_verify
@@ -40,6 +40,7 @@ tab completion: eval "$(register-python-argcomplete vislam)"
     )
     for add in (
         add_simulate,
+        add_inspect,
         add_track,
         add_convert,
         add_play,

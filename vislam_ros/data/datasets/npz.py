@@ -30,6 +30,7 @@ from vislam_ros.data.datasets.calibration import read_pairs
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions, settle_conventions
 from vislam_ros.data.datasets.extrinsics import Candidate, choose_reading
 from vislam_ros.data.datasets.members import finite, wrong_shape
+from vislam_ros.data.datasets.mending import AS_STORED, Mending, mended_stamps
 from vislam_ros.data.datasets.sparse_features import (
     Axes,
     DenseFeatures,
@@ -39,6 +40,7 @@ from vislam_ros.data.datasets.sparse_features import (
     rectified,
 )
 from vislam_ros.data.drive import Drive, image_size_that_holds
+from vislam_ros.data.finding import Finding
 from vislam_ros.data.trajectory import LATEST_SECOND, NANOSECONDS, Trajectory, nanoseconds
 from vislam_ros.errors import VislamError
 
@@ -70,6 +72,7 @@ def read(
     *,
     conventions: Conventions = AS_FOUND,
     progress: Progress | None = None,
+    mending: Mending = AS_STORED,
 ) -> Drive:
     """Read a dataset; the dense features are streamed and never held.
 
@@ -81,6 +84,8 @@ def read(
         What the file's numbers mean; by default what fits its images.
     progress : callable, optional
         Told the share of the features read so far, 0 to 1.
+    mending : Mending, optional
+        Faults that are undone.
 
     Returns
     -------
@@ -92,16 +97,19 @@ def read(
     VislamError
         Where the file cannot be read or is no dataset; the message names the field.
     """
-    return read_with_rectification(path, conventions, progress)[0]
+    return read_with_rectification(path, conventions, progress, mending)[0]
 
 
 def read_with_rectification(
-    path: Path, conventions: Conventions = AS_FOUND, progress: Progress | None = None
+    path: Path,
+    conventions: Conventions = AS_FOUND,
+    progress: Progress | None = None,
+    mending: Mending = AS_STORED,
 ) -> tuple[Drive, PixelRectification | None]:
     """Read a dataset as :func:`read` does, and what its raw pixels went through."""
     with open_arrays(path) as arrays:
         keys = {what: _find_key(path, arrays, what) for what in SPELLINGS}
-        stamps = _stamps(path, arrays, keys["time stamps"])
+        stamps, late = _stamps(path, arrays, keys["time stamps"], mending)
         velocity, notes = _linear_velocity(path, arrays, len(stamps))
         omega = keys["angular velocity"]
         angular_velocity = _velocity(
@@ -112,6 +120,7 @@ def read_with_rectification(
         known = {*keys.values(), *LINEAR_VELOCITY, FEATURES, *_COMPANIONS}
         unknown = sorted(set(arrays) - known)
         features, of_features = _features(path, arrays, len(stamps), progress)
+        features = mending.features(features)
     notes += of_features
 
     if unknown:
@@ -127,7 +136,7 @@ def read_with_rectification(
         )
         drive = Drive(
             name=path.stem,
-            camera=pair.camera,
+            camera=mending.camera(pair.camera),
             image_size=image_size_that_holds(seen.pixels),
             twist_stamps=stamps,
             twists=np.column_stack([velocity, angular_velocity]),
@@ -142,6 +151,8 @@ def read_with_rectification(
         candidates.append(Candidate(pair.reading, drive, complaint))
         rectifications.append(pair.rectification)
     chosen, drive = choose_reading(candidates, conventions)
+    if late is not None:
+        drive = drive.with_finding(late)
     return settle_conventions(drive, conventions), rectifications[chosen]
 
 
@@ -155,7 +166,10 @@ def _find_key(path: Path, arrays: Arrays, what: str) -> str:
     )
 
 
-def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
+def _stamps(
+    path: Path, arrays: Arrays, key: str, mending: Mending
+) -> tuple[NDArray[np.int64], Finding | None]:
+    """Stamps, and what was wrong with them where they are mended."""
     values = finite(path, arrays, key)
     if not values.size or values.size != max(values.shape, default=0):
         raise wrong_shape(path, key, values.shape, "(T,) or (1, T) with at least one step")
@@ -164,7 +178,9 @@ def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
         raise VislamError(
             f"{path}: {key} goes from {seconds.min():g} to {seconds.max():g}: give UNIX seconds"
         )
-    stamps = nanoseconds(seconds)
+    stamps, finding = nanoseconds(seconds), None
+    if mending.mends_stamps:
+        stamps, finding = mended_stamps(stamps)
     (late,) = np.nonzero(np.diff(stamps) <= 0)
     if len(late):
         k = int(late[0])
@@ -173,7 +189,7 @@ def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
             "it: time must increase"
         )
     GAP.require(np.diff(stamps) / NANOSECONDS, f"{path}: {key}")
-    return stamps
+    return stamps, finding
 
 
 def _linear_velocity(path: Path, arrays: Arrays, steps: int) -> tuple[Array, list[str]]:
