@@ -6,6 +6,7 @@ from pathlib import Path
 
 from vislam_ros.cli.grammar.argument_types import number_from, whole_from
 from vislam_ros.cli.grammar.shared import (
+    NO_OVERRIDES,
     SCENES,
     Commands,
     add_command,
@@ -136,7 +137,7 @@ where the data can be used, whatever is found.
     parser.add_argument(
         "--params", type=Path, metavar="FILE", help="what solve is to read a bag with"
     )
-    parser.set_defaults(estimator=None, fraction=None, seed=None, map=None, motion_source=None)
+    parser.set_defaults(**NO_OVERRIDES)
 
 
 def add_track(commands: Commands) -> None:
