@@ -28,9 +28,7 @@ class PredictionNodeSettings(FrameSettings):
         "imu/data message of the same stamp",
         choices=("twist", "imu"),
     )
-    publish_tf: bool = setting(
-        True, "Publish odom_frame -> base_frame on /tf, where tf2_msgs is installed"
-    )
+    publish_tf: bool = setting(True, "Publish odom_frame -> base_frame on /tf")
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class SlamOutputSettings:
 
     publish_tf: bool = setting(
         True,
-        "Publish map_frame -> odom_frame on /tf, where tf2_msgs is installed",
+        "Publish map_frame -> odom_frame on /tf",
         live=True,
     )
     path_length: int = setting(

@@ -225,3 +225,20 @@ def test_the_twist_at_the_end_of_a_step_fits_best(shared_data, name):
         drive = npz.read(path, conventions=Conventions("flu", index))
         medians[index] = np.median(reprojection_errors(drive, step_pairs(drive)))
     assert medians["end"] < medians["start"]
+
+
+@pytest.mark.parametrize("extrinsics", [unchanged, with_frd_extrinsics])
+@pytest.mark.parametrize("twists", [unchanged, with_frd_twists])
+def test_a_gyroscope_alone_tells_its_axes_too(drive, extrinsics, twists):
+    turning = drive.moved_by("gyro")
+    settled = settle_conventions(twists(extrinsics(turning)), AS_FOUND)
+    assert_settled(settled, turning)
+
+
+@pytest.mark.parametrize("name", ["03", "10_synthetic"])
+def test_mixed_axes_are_mended_without_velocities(shared_data, name):
+    whole = npz.read(shared_data / f"{name}.npz")
+    raw = npz.read(shared_data / f"{name}.npz", conventions=AS_GIVEN)
+    settled = settle_conventions(raw.moved_by("gyro"), AS_FOUND)
+    assert settled.camera == whole.camera
+    np.testing.assert_array_equal(settled.twists[:, 3:], whole.twists[:, 3:])

@@ -13,6 +13,7 @@ from imagery.folders import (
     PERIOD,
     SHIFT,
     SIZE,
+    SPEED,
     STAMPS,
     write_asl,
     write_course,
@@ -85,10 +86,33 @@ def test_images_without_motion_or_times_are_refused(tmp_path: Path) -> None:
         load_drive(folder)
 
 
+def test_a_motion_that_was_refused_as_a_whole_is_told(tmp_path: Path) -> None:
+    names = {role: name for role, name in OURS.items() if role != "twist"} | {"imu": "/imu/data"}
+    bag = write_messages(tmp_path / "bag", drive_messages(names))
+    with pytest.raises(VislamError, match=r"Skipped 8 messages of /imu/data: .*'imu_frame'"):
+        load_drive(bag)
+
+
 def test_motion_for_what_holds_no_images_is_refused(tmp_path: Path) -> None:
     data = write_dataset(tmp_path / "drive.npz")
     with pytest.raises(VislamError, match=r"drive\.npz: holds no images: leave out --motion"):
         load_drive(data, motion=data)
+
+
+def test_tracks_tell_what_twists_of_a_dataset_without_features_mean(tmp_path: Path) -> None:
+    images = write_course(tmp_path / "course")
+    data = images.with_name("dataset00.npz")
+    arrays = dict(np.load(data))
+    del arrays["features"]
+    # Forward, right and down; the extrinsics are forward, left and up.
+    arrays["linear_velocity"] = -arrays["linear_velocity"]
+    np.savez(data, **arrays)
+    drive = load_drive(images)
+    assert not any("dead reckoning" in note for note in drive.notes)
+    assert any("forward-right-down" in note.split("(others")[0] for note in drive.notes)
+    # Turned to forward, left and up.
+    np.testing.assert_allclose(drive.twists[:, 1], -SPEED)
+    np.testing.assert_allclose(drive.camera.T_body_camera, CAMERA.T_body_camera, atol=1e-9)
 
 
 def test_stamps_are_paired_with_their_nearest_within_the_tolerance() -> None:

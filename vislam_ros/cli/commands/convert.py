@@ -5,7 +5,7 @@
 import argparse
 
 from vislam_ros.cli.exit_codes import OK
-from vislam_ros.cli.lines import answer
+from vislam_ros.cli.lines import answer, tell_next
 from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.conversion import convert
@@ -34,4 +34,5 @@ def run(arguments: argparse.Namespace) -> int:
         f"{arguments.output}: {drive.steps} {held}, {len(drive.twist_stamps)} twists, "
         f"{drive.duration:.1f} s"
     )
+    tell_next("run", str(arguments.output), "--out", f"results/{arguments.data.stem}")
     return OK

@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from vislam_ros.cli.domain import local_graph, own_domain
-from vislam_ros.cli.ending import PassResults, print_passes, require_complete
+from vislam_ros.cli.ending import PassResults, print_passes, require_complete, tell_written
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.lines import tell
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
@@ -89,6 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     require_complete(passes)
     for directory, _ in passes:
         _draw(directory)
+    tell_written(passes, arguments.data)
     return OK
 
 
@@ -348,6 +349,6 @@ def _draw(directory: Path) -> None:
     from vislam_ros.data.results.reader import read_results
 
     try:
-        plot_results(read_results(directory), force=True)
+        plot_results(read_results(directory), force=True, of_run=True)
     except VislamError as error:
         tell(f"warning: no picture: {error}")

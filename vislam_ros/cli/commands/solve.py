@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import time
 
-from vislam_ros.cli.ending import PassResults, print_passes, require_complete
+from vislam_ros.cli.ending import PassResults, print_passes, require_complete, tell_written
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
 from vislam_ros.cli.reading import read_input
@@ -45,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         results.append((directory, writer.summary.as_dict()))
     print_passes(results)
     require_complete(results)
+    tell_written(results, arguments.data)
     return OK
 
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from vislam_ros.cli.exit_codes import FAILED, OK
-from vislam_ros.cli.lines import answer, tell
+from vislam_ros.cli.lines import answer, tell, tell_next
 from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import verify_bag
@@ -20,7 +20,8 @@ from vislam_ros.errors import VislamError
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     path: Path = arguments.path
-    if path.is_dir() and not is_bag(path) and (path / "summary.json").exists():
+    is_result = path.is_dir() and not is_bag(path) and (path / "summary.json").exists()
+    if is_result:
         faults, notes = _result_faults(path), []
     else:
         report = verify_bag(path)
@@ -32,6 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
     if faults:
         return FAILED
     answer(f"{path}: whole")
+    if is_result:
+        tell_next("evaluate", str(path), "--reference", "REF.tum")
+    else:
+        tell_next("solve", str(path), "--out", f"results/{path.stem}")
     return OK
 
 

@@ -1,11 +1,12 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The commands that make data: simulate, track, convert."""
+"""The commands that make data and look at them: simulate, inspect, track, convert."""
 
 from pathlib import Path
 
 from vislam_ros.cli.grammar.argument_types import number_from, whole_from
 from vislam_ros.cli.grammar.shared import (
+    NO_OVERRIDES,
     SCENES,
     Commands,
     add_command,
@@ -107,6 +108,36 @@ def add_simulate(commands: Commands) -> None:
     )
     add_force(parser)
     parser.set_defaults(flags=flags)
+
+
+def add_inspect(commands: Commands) -> None:
+    """Add the command that tells what data are."""
+    parser = add_command(
+        commands,
+        "inspect",
+        "tell what a dataset, a bag or images are, and what is wrong with them",
+        """\
+  vislam inspect drive.npz
+  vislam inspect drive_bag --json > drive.json
+  vislam inspect V1_01_easy
+  vislam inspect sequences/06 --motion 0020.npz
+
+Each finding is a line on what was found and one on what to do (docs/inspect.md). 0 is returned
+where the data can be used, whatever is found.
+""",
+    )
+    parser.add_argument(
+        "data", metavar="DATA", type=Path, help="dataset, bag, or images as `vislam track` takes"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON in place of the tables")
+    add_motion(parser)
+    add_reading(parser)
+    add_namespace(parser, "namespace of one robot among others in a bag, such as /robot1")
+    add_remap(parser)
+    parser.add_argument(
+        "--params", type=Path, metavar="FILE", help="what solve is to read a bag with"
+    )
+    parser.set_defaults(**NO_OVERRIDES)
 
 
 def add_track(commands: Commands) -> None:

@@ -9,6 +9,7 @@ from vislam_ros.cli.grammar.shared import (
     ALIGNMENTS,
     FILE_FORMATS,
     MAX_DIFFERENCE,
+    NO_OVERRIDES,
     Commands,
     add_command,
     add_force,
@@ -133,4 +134,4 @@ def add_verify(commands: Commands) -> None:
     parser.add_argument(
         "--params", type=Path, metavar="FILE", help="what solve is to read the bag with"
     )
-    parser.set_defaults(estimator=None, fraction=None, seed=None, map=None, motion_source=None)
+    parser.set_defaults(**NO_OVERRIDES)

@@ -22,6 +22,15 @@ ALIGNMENTS = ("se3", "yaw", "none")
 MAX_DIFFERENCE = 0.01
 FILE_FORMATS = ("tum", "euroc", "kitti")
 
+#: Flags that are put over a parameter file, for a command that has none of them.
+NO_OVERRIDES = {
+    "estimator": None,
+    "fraction": None,
+    "seed": None,
+    "map": None,
+    "motion_source": None,
+}
+
 RETURNS = """\
 exit code: 0 on success, 1 on an error (one line on stderr; -v shows where it came from), 2 on
 wrong usage, 130 after Ctrl-C, 141 where whoever reads the output has left"""

@@ -40,6 +40,10 @@ NEWEST_QOS = STREAM_QOS._replace(history=QosHistory.KEEP_LAST, depth=1)
 """For somebody who looks: one who is slow is to hold nobody up."""
 
 
+VIEW_QOS = STREAM_QOS._replace(history=QosHistory.KEEP_LAST, depth=100)
+"""Of transforms, as tf2 itself has it: a viewer that is slow must not hold up the nodes."""
+
+
 @dataclass(frozen=True)
 class Topic:
     """A topic of the graph.
@@ -124,7 +128,7 @@ LANDMARKS = Topic("slam/landmarks", "sensor_msgs/msg/PointCloud2", LATCHED_QOS)
 PATH = Topic("slam/path", "nav_msgs/msg/Path")
 PLAYER = Topic("player/status", "diagnostic_msgs/msg/DiagnosticArray", LATCHED_QOS)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-TRANSFORMS = Topic("/tf", "tf2_msgs/msg/TFMessage")
+TRANSFORMS = Topic("/tf", "tf2_msgs/msg/TFMessage", VIEW_QOS)
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock")
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.stereo_rig import StereoRig
+from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 from vislam_ros.frontend.turns import turn_between
@@ -96,6 +97,8 @@ class StereoImages:
     timed : bool
         Whether the source tells when the images were taken.
     motion : Motion or None
+    unsettled : Conventions or None
+        How to find from the images what the twists mean, where nothing has told it yet.
     turns : Motion or None
         What the gyroscope measured, where that is not the motion itself: for the tracker.
     ground_truth : Trajectory or None
@@ -114,6 +117,7 @@ class StereoImages:
     reader: PairReader
     timed: bool = True
     motion: Motion | None = None
+    unsettled: Conventions | None = None
     turns: Motion | None = None
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
@@ -132,9 +136,11 @@ class StereoImages:
         """
         if self.motion is None or not self.timed:
             what = "the motion" if self.motion is None else "the times of the images"
+            # A reader may have refused all of it.
+            skipped = "".join(f" ({note.rstrip('.')})" for note in self.notes if "Skipped" in note)
             raise VislamError(
                 f"{self.name}: nothing tells {what}: give a dataset or a bag that does with "
-                "--motion"
+                f"--motion{skipped}"
             )
         return self.motion.during(self.stamps)
 

@@ -5,6 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.data.datasets.conventions import settle_conventions
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.images.stereo_images import StereoImages
@@ -19,6 +20,8 @@ def tracked_drive(
     progress: Progress | None = None,
 ) -> Drive:
     """Track features through images, one pair in memory at a time.
+
+    Where nothing has told yet which axes the twists have and which steps, the tracks tell it.
 
     Parameters
     ----------
@@ -49,7 +52,9 @@ def tracked_drive(
     noise: list[NDArray[np.float32]] = [np.empty(0, dtype=np.float32)]
     before: int | None = None
     for k, (stamp, left, right) in enumerate(images.pairs(), start=1):
-        turn = None if before is None else turning.turn_between(before, stamp)
+        turn = None
+        if before is not None and images.unsettled is None:
+            turn = turning.turn_between(before, stamp)
         tracked = tracker.track(left, right, turn)
         before = stamp
         if not tracked.repeated:
@@ -62,7 +67,7 @@ def tracked_drive(
     notes = images.notes
     if repeated := len(images) - len(stamps):
         notes = (*notes, f"Left out {repeated} pairs with an image over again.")
-    return Drive(
+    drive = Drive(
         name=images.name,
         camera=tracker.camera,
         image_size=tracker.image_size,
@@ -76,3 +81,6 @@ def tracked_drive(
         ground_truth=images.ground_truth,
         notes=notes,
     )
+    if images.unsettled is None or not np.array_equal(drive.twist_stamps, drive.feature_stamps):
+        return drive
+    return settle_conventions(drive, images.unsettled)

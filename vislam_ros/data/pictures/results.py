@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from vislam_ros.core.step import StepTotals
 from vislam_ros.data.evaluation.alignment import first_pose_alignment
 from vislam_ros.data.evaluation.evaluate import compare, path_length
+from vislam_ros.data.files.inputs import open_input
 from vislam_ros.data.files.whole_file import made_directory, refuse_existing, replace_files
 from vislam_ros.data.pictures import palette
 from vislam_ros.data.results.reader import Results
@@ -25,6 +26,10 @@ Array = NDArray[np.float64]
 
 _BAND = 0.95
 
+# A text of PNG that tells a picture which nobody asked for from one that somebody did.
+_MARK, _OF_RUN = "Source", "vislam run"
+_HEAD = 1024  # bytes of a picture, in which its texts stand
+
 
 def plot_results(
     results: Results,
@@ -32,6 +37,7 @@ def plot_results(
     *,
     output: Path | None = None,
     force: bool = False,
+    of_run: bool = False,
 ) -> list[Path]:
     """Write ``trajectory.png`` and, where steps were recorded, ``steps.png``.
 
@@ -44,7 +50,9 @@ def plot_results(
     output : Path, optional
         Folder for the pictures; the result directory by default.
     force : bool
-        Replace pictures that exist.
+        Replace pictures that exist. Those that a run drew at its end are replaced anyway.
+    of_run : bool
+        Whether a run draws them at its end.
 
     Returns
     -------
@@ -61,11 +69,14 @@ def plot_results(
     if len(results.steps["stamp"]):
         pictures["steps.png"] = draw_steps
     for name in pictures:
-        refuse_existing(folder / name, force=force)
+        refuse_existing(folder / name, force=force or _is_of_run(folder / name))
+    metadata = {_MARK: _OF_RUN} if of_run else {}
     contents = {}
     for name, draw in pictures.items():
         buffer = io.BytesIO()
-        draw(results, reference).savefig(buffer, dpi=palette.DOTS_PER_INCH, format="png")
+        draw(results, reference).savefig(
+            buffer, dpi=palette.DOTS_PER_INCH, format="png", metadata=metadata
+        )
         contents[folder / name] = buffer.getvalue()
     try:
         with made_directory(folder):
@@ -73,6 +84,15 @@ def plot_results(
     except OSError as error:
         raise VislamError(f"{folder}: cannot hold pictures: {error.strerror}") from error
     return list(contents)
+
+
+def _is_of_run(picture: Path) -> bool:
+    """Whether a run drew this picture at its end."""
+    if not picture.is_file():
+        return False
+    with open_input(picture, "this picture") as file:
+        head = file.read(_HEAD)
+    return f"tEXt{_MARK}\0{_OF_RUN}".encode() in head
 
 
 def draw_trajectory(results: Results, reference: Trajectory | None = None) -> Figure:
