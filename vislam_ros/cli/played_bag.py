@@ -11,9 +11,11 @@ from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
 from vislam_ros.data.bags.layout import (
     FEATURES,
     IMAGES,
+    IMU,
     LEFT_COMPRESSED,
     LEFT_IMAGE,
     TOPICS,
+    TWIST,
     Topic,
 )
 from vislam_ros.data.bags.naming import names_in_bag, namespace_of
@@ -64,6 +66,11 @@ class PlayedBag:
             counts = {connection.topic: connection.count for connection in bag.connections}
         namespace = namespace_of(namespace)
         return cls(path, namespace, names_in_bag(_KNOWN, counts, namespace, renamed), counts)
+
+    @property
+    def has_gyroscope_alone(self) -> bool:
+        """Whether the bag has no topic of twists, and one of an IMU."""
+        return self.names[TWIST] not in self.counts and self.names[IMU] in self.counts
 
     @property
     def images(self) -> Topic | None:

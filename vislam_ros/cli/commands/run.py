@@ -177,6 +177,9 @@ def _run_graph(
     }
     params_file = scratch / "params.yaml"
     given = {**parameters.given, "recorder_node": recorder, TRACKER: tracker}
+    if bag.has_gyroscope_alone and parameters.prediction.motion_source == "auto":
+        # Told, the node need not wait for twists, which a short drive does not leave time for.
+        given["imu_prediction_node"] = {**given["imu_prediction_node"], "motion_source": "gyro"}
     write_parameters(
         params_file,
         {f"{bag.namespace}/{node}": values for node, values in given.items() if values},

@@ -11,6 +11,8 @@ from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import verify_bag
 from vislam_ros.data.bags.reader import read_passes
+from vislam_ros.data.image_sources import read_images
+from vislam_ros.data.images.bags.reader import matches as has_images
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.errors import VislamError
 
@@ -42,7 +44,11 @@ def _reading_faults(arguments: argparse.Namespace) -> list[str]:
     """Why ``solve`` cannot read a bag that is not damaged, a line or none."""
     path: Path = arguments.path
     try:
-        read_passes(path, rules=run_parameters(arguments).reading)
+        rules = run_parameters(arguments).reading
+        if has_images(path):
+            read_images(path, rules=rules).known_motion()
+        else:
+            read_passes(path, rules=rules)
     except VislamError as error:
         return [
             f"is not damaged, but solve cannot read it: {str(error).removeprefix(f'{path}: ')}"

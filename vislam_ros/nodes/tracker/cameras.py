@@ -5,6 +5,8 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.stereo_rig import StereoRig
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
@@ -55,16 +57,17 @@ class RawCameras:
         if said == self._known.get(topic):
             return False
         messages = {**self._messages, topic: message}
-        if len(messages) == len(CALIBRATION_TOPICS):
-            position, quaternion = decoding.extrinsics(messages[EXTRINSICS], self._frames)
-            self.rig = stereo_rig(
-                messages[LEFT_CAMERA],
-                messages[RIGHT_CAMERA],
-                se3.pose_matrix(position, quaternion),
-                rectified=self._rectified,
-            )
+        T_body_left, rig = np.eye(4), None
+        if extrinsics := messages.get(EXTRINSICS):
+            T_body_left = se3.pose_matrix(*decoding.extrinsics(extrinsics, self._frames))
+        if LEFT_CAMERA in messages and RIGHT_CAMERA in messages:
+            infos = messages[LEFT_CAMERA], messages[RIGHT_CAMERA]
+            rig = stereo_rig(*infos, T_body_left, rectified=self._rectified)
         self._messages, self._known[topic] = messages, said
-        return self.rig is not None
+        if extrinsics is None or rig is None:
+            return False
+        self.rig = rig
+        return True
 
     def _said(self, topic: Topic, message: Any) -> tuple[Any, ...]:
         """What a message says, to be compared; raises where it is bad by itself."""
