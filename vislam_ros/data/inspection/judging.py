@@ -113,6 +113,9 @@ def _judge(drive: Drive, again: Reread, mending: Mending) -> Judged:
         elif any(each.name == "extrinsics_inverted" for each in of_motion):
             drive = replace(drive, camera=inverted(drive.camera))
             walked = walk(drive)
+    if right:
+        # Depths are as wrong as its columns may still be, and so is what they contradict.
+        of_motion = [each for each in of_motion if each.name != "contradiction"]
     found += [*drive.findings, *of_motion]
     if frozen := judge_frozen_steps(drive, walked):
         found.append(frozen)

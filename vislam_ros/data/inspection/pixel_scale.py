@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.verdict.image_motion import image_motion
+from vislam_ros.data.datasets.mending import inverted
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.finding import Finding
 
@@ -45,7 +46,13 @@ def judge_pixel_scale(drive: Drive) -> Finding | None:
     scale = scale_by_the_middle(drive)
     if scale is None:
         return None
-    errors = _errors(drive, (1.0, scale))
+    # Extrinsics that are inverted, too, must not hide it.
+    told = [
+        each
+        for camera in (drive.camera, inverted(drive.camera))
+        if (each := _errors(replace(drive, camera=camera), (1.0, scale))) is not None
+    ]
+    errors = np.min(told, axis=0) if told else None
     if errors is not None and not errors[1] < 0.5 * errors[0]:
         return None
     is_outside = _shows_a_corner(drive)

@@ -47,14 +47,15 @@ def judge_right_camera(drive: Drive) -> Finding | None:
     M = np.einsum("nki,nkj->ij", parts[used], parts[used]) / max(int(used.sum()), 1)
     square = float(coefficients @ M @ coefficients)
     off = math.sqrt(square)
-    error = math.sqrt(float(coefficients @ M @ covariance @ M @ coefficients)) / max(off, 1e-12)
+    gradient = M @ coefficients / max(off, 1e-12)
+    error = math.sqrt(float(gradient @ covariance @ gradient))
     if off - _BEYOND_CHANCE * error < _OFF:
         return None
     focal, turn = float(coefficients[2]), math.degrees(float(coefficients[1]) / camera.fx)
     return Finding(
         "right_camera",
-        f"right pixels are off by {off:.1f} px: rows by {np.median(difference):+.1f} px, the focal "
-        f"length by {focal:+.1f} px",
+        f"right pixels are off by {off:.1f} px: rows by {np.median(difference):+.1f}, the focal "
+        f"length by {focal:+.1f}",
         "calibrate the pair: K_r and the turn between the cameras",
         False,
         {
