@@ -104,7 +104,8 @@ def draw_trajectory(results: Results, reference: Trajectory | None = None) -> Fi
     paths = [("estimate", results.trajectory.positions, palette.ESTIMATE, "-", 1.8, 4)]
     if results.smoothed is not None:
         paths.append(("smoothed", results.smoothed.positions, palette.SMOOTHED, "-", 1.2, 5))
-    if results.dead_reckoning is not None:
+    if results.dead_reckoning is not None and results.dead_reckoning.positions.any():
+        # Where a gyroscope alone measures the motion, it stays where it was.
         prediction = results.dead_reckoning.positions
         paths.append(("dead reckoning", prediction, palette.DEAD_RECKONING, "-", 1.2, 2))
     if reference is not None:
@@ -268,4 +269,4 @@ def _figure_size(extent: Array) -> tuple[float, float]:
     """Inches that fit a map of this extent in metres, with room for its labels."""
     scale = 8.0 / float(np.max(extent))
     width, height = np.maximum(extent * scale, 2.5)
-    return max(float(width), 6.0) + 0.9, float(height) + 1.4
+    return max(float(width), 6.0) + 0.9, float(height) + 1.6
