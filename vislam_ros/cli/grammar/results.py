@@ -8,7 +8,9 @@ from vislam_ros.cli.grammar.argument_types import number_from
 from vislam_ros.cli.grammar.shared import (
     ALIGNMENTS,
     FILE_FORMATS,
+    LAYINGS,
     MAX_DIFFERENCE,
+    PICTURE_FORMATS,
     Commands,
     add_command,
     add_force,
@@ -106,14 +108,26 @@ def add_plot(commands: Commands) -> None:
     parser = add_command(
         commands,
         "plot",
-        "draw pictures of results",
+        "draw pictures of results: path and heights, steps, estimates, errors",
         """\
   vislam plot results
   vislam plot results --reference drive.tum --output pictures
+  vislam plot results --reference drive.tum --align first     how it drifts from the start
+  vislam plot results --format svg --output for_the_paper
+
+The errors beside the names of the paths are those of what is drawn: with --align se3 the ATE of
+`vislam evaluate`, with first the distances of paths that begin in the same pose.
 """,
     )
     parser.add_argument("directory", metavar="DIR", type=Path, help="of a run or solve")
     parser.add_argument("--reference", type=Path, metavar="REF.tum", help="draw this path, too")
+    parser.add_argument(
+        "--align",
+        choices=LAYINGS,
+        default="se3",
+        help="how each path is laid onto the reference: best fit (se3, yaw), first pose, not",
+    )
+    parser.add_argument("--format", choices=PICTURE_FORMATS, default="png", help="of the pictures")
     parser.add_argument("--output", type=Path, metavar="FOLDER", help="for the pictures (DIR)")
     add_force(parser)
 
