@@ -132,6 +132,35 @@ The errors beside the names of the paths are those of what is drawn: with --alig
     add_force(parser)
 
 
+def add_report(commands: Commands) -> None:
+    """Add the command that writes a page."""
+    parser = add_command(
+        commands,
+        "report",
+        "write results as one HTML page with an interactive map, which opens offline",
+        """\
+  vislam report results                           results/report.html
+  vislam report results --reference drive.tum --output drive.html
+  vislam inspect drive.npz --json > results/findings.json; vislam report results --force
+
+It needs plotly: pip install 'vislam_ros[report]'. The page holds it and asks the network for
+nothing.
+""",
+    )
+    parser.add_argument("directory", metavar="DIR", type=Path, help="of a run or solve")
+    parser.add_argument("--reference", type=Path, metavar="REF", help="the truth, with errors")
+    parser.add_argument(
+        "--findings",
+        type=Path,
+        metavar="FILE",
+        help="what `vislam inspect --json` found in the data (DIR/findings.json)",
+    )
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE.html", help="the page (DIR/report.html)"
+    )
+    add_force(parser)
+
+
 def add_verify(commands: Commands) -> None:
     """Add the command that tells whether files are whole."""
     parser = add_command(

@@ -18,11 +18,13 @@ LANDMARK = "#6b8fb3"
 OBSERVED = "#b0b0b0"
 REPORT_PATH = "red"
 """The report draws its paths in red."""
-START, END = "tab:blue", "tab:orange"
+START, END = "#1f77b4", "#ff7f0e"
 FIELD = "viridis_r"
 """Colour map of a field over two settings: dark is large."""
 ABOUT_ONE = "PuOr_r"
 """Colour map of a ratio that is best at one: there it is pale."""
+
+SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
 
 DOTS_PER_INCH = 150
 
