@@ -14,6 +14,7 @@ from vislam_ros.cli.grammar.results import (
     add_plot,
     add_report,
     add_verify,
+    add_view,
 )
 from vislam_ros.cli.grammar.shared import RETURNS
 
@@ -45,6 +46,7 @@ a first run:
         add_evaluate,
         add_plot,
         add_report,
+        add_view,
         add_export,
         add_verify,
         add_sweep,

@@ -51,7 +51,7 @@ def test_the_picture_from_above_shows_what_there_is(
     assert (above.get_xlabel(), above.get_ylabel()) == ("x [m]", "y [m]")
     assert "round" in above.get_title()
     assert "(SE(3))" in above.get_title()
-    profile = heights.get_lines()[0].get_xydata()
+    profile = np.asarray(heights.get_lines()[0].get_xydata())
     np.testing.assert_allclose(profile[:, 0], 0.1 * np.arange(60), atol=1e-12)
     np.testing.assert_array_equal(profile[:, 1], round_drive.positions[:, 2])
 
@@ -64,7 +64,7 @@ def test_the_error_that_is_told_is_the_distance_of_what_is_drawn(
     drawn = lines(above)
     plane = {name.split(",")[0]: xy for name, xy in drawn.items()}
     height = {
-        name: line.get_ydata()
+        name: np.asarray(line.get_ydata(), dtype=float)
         for name, line in zip(
             ("estimate", "dead reckoning", "reference"), heights.get_lines(), strict=True
         )
@@ -125,9 +125,11 @@ def test_errors_stand_in_the_axes_of_the_body(
     for k, axes in enumerate(figure.axes[:6]):
         (error,) = (line for line in axes.get_lines() if str(line.get_label()).startswith("error"))
         unit = 1.0 if k < 3 else np.rad2deg(1.0)
-        np.testing.assert_allclose(error.get_ydata()[1:], -xi[k] * unit, atol=1e-9)
+        drawn = np.asarray(error.get_ydata(), dtype=float)
+        np.testing.assert_allclose(drawn[1:], -xi[k] * unit, atol=1e-9)
     (band,) = figure.axes[0].collections
-    assert band.get_paths()[0].vertices[:, 1].max() == pytest.approx(6.0)  # 3 sigma
+    corners = np.asarray(band.get_paths()[0].vertices)
+    assert corners[:, 1].max() == pytest.approx(6.0)  # 3 sigma
     assert figure.axes[6].get_ylabel() == "NEES / 6"
 
 

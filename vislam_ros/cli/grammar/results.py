@@ -14,6 +14,10 @@ from vislam_ros.cli.grammar.shared import (
     Commands,
     add_command,
     add_force,
+    add_motion,
+    add_namespace,
+    add_reading,
+    add_remap,
 )
 
 
@@ -159,6 +163,43 @@ nothing.
         "--output", type=Path, metavar="FILE.html", help="the page (DIR/report.html)"
     )
     add_force(parser)
+
+
+def add_view(commands: Commands) -> None:
+    """Add the command that opens a viewer."""
+    parser = add_command(
+        commands,
+        "view",
+        "show results in the Rerun viewer: path, map, covariance, charts, images with tracks",
+        """\
+  vislam view results
+  vislam view results --reference drive.tum --data drive.npz      with the tracks
+  vislam view results --data V1_01_easy                           with images and tracks
+  vislam view results --save results.rrd                          for `rerun results.rrd` elsewhere
+
+It needs the viewer: pip install 'vislam_ros[view]'. Its program sends its makers anonymous usage
+data from the second start on, unless told `rerun analytics disable`.
+""",
+    )
+    parser.add_argument("directory", metavar="DIR", type=Path, help="of a run or solve")
+    parser.add_argument("--reference", type=Path, metavar="REF", help="the truth, with errors")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        metavar="DATA",
+        help="what was solved, for its tracks; images are tracked again",
+    )
+    add_motion(parser)
+    add_reading(parser)
+    add_namespace(parser, "namespace of the topics in a bag, as for solve")
+    add_remap(parser)
+    parser.add_argument(
+        "--save", type=Path, metavar="FILE.rrd", help="write this; no screen needed"
+    )
+    add_force(parser)
+    parser.set_defaults(
+        params=None, estimator=None, fraction=None, seed=None, map=None, motion_source=None
+    )
 
 
 def add_verify(commands: Commands) -> None:

@@ -22,10 +22,28 @@ _AXIS_COLOURS = (palette.ESTIMATE, palette.SMOOTHED, palette.START)
 def quantities_of(steps: Mapping[str, Array]) -> Iterator[Quantity]:
     """Quantities that a table of steps has, and that change in it."""
     for quantity in (*OF_EVERY_STEP, *OF_ROBOCENTRIC):
-        if all(name in steps for name in quantity.names) and any(
+        if all(name in steps for name in (*quantity.names, *quantity.std_names)) and any(
             np.ptp(steps[name]) > 0.0 for name in quantity.names
         ):
             yield quantity
+
+
+def settled_range(steps: Mapping[str, Array], quantity: Quantity) -> tuple[float, float] | None:
+    """Limits that show a quantity with three deviations once it has settled; None without any.
+
+    The prior's band is a hundred times as wide as what is left of it a moment later, and would
+    flatten all that follows: the first twentieth of the drive may leave the picture.
+    """
+    ends = []
+    for k, name in enumerate(quantity.names):
+        spread = 3.0 * steps[quantity.std_names[k]] if quantity.std_names else 0.0
+        ends += [steps[name] - spread, steps[name] + spread]
+    values = np.concatenate([end[len(end) // 20 :] for end in ends])
+    values = values[np.isfinite(values)]
+    if not len(values) or not np.ptp(values) > 0.0:
+        return None
+    low, high = float(values.min()), float(values.max())
+    return low - 0.08 * (high - low), high + 0.08 * (high - low)
 
 
 def draw_estimates(results: Results) -> Figure | None:
@@ -45,24 +63,16 @@ def draw_estimates(results: Results) -> Figure | None:
 
 
 def _draw(axes: Axes, seconds: Array, steps: Mapping[str, Array], quantity: Quantity) -> None:
-    settled = []
     for k, name in enumerate(quantity.names):
         value, colour = steps[name], _AXIS_COLOURS[k]
         label = quantity.axes[k] if quantity.axes else None
         axes.plot(seconds, value, color=colour, linewidth=0.9, label=label)
-        std = steps.get(quantity.std_names[k]) if quantity.std_names else None
-        band = np.zeros(len(value)) if std is None else 3.0 * std
-        if std is not None:
+        if quantity.std_names:
+            band = 3.0 * steps[quantity.std_names[k]]
             axes.fill_between(
                 seconds, value - band, value + band, color=colour, alpha=0.12, linewidth=0
             )
-        # The prior's band is a hundred times as wide as what is left of it a moment later.
-        known = np.isfinite(value) & np.isfinite(band)
-        settled.append((value - band)[known][len(value) // 20 :])
-        settled.append((value + band)[known][len(value) // 20 :])
-    values = np.concatenate(settled)
-    if len(values):
-        low, high = float(values.min()), float(values.max())
-        if high > low:
-            axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    limits = settled_range(steps, quantity)
+    if limits is not None:
+        axes.set_ylim(*limits)
     axes.set_ylabel(quantity.label.replace(" [", "\n[").replace("angular velocity", "ang. vel."))
