@@ -31,13 +31,17 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/config", sorted(str(path) for path in Path("config").glob("*.*ml"))),
+        # Named in colcon.pkg: whoever sources the workspace has `vislam` on the PATH.
+        (f"share/{PACKAGE}/hook", ["resource/hook/executables.dsv"]),
+        (f"share/{PACKAGE}/config", sorted(map(str, Path("config").iterdir()))),
+        (f"share/{PACKAGE}/launch", sorted(map(str, Path(PACKAGE, "launch").glob("*.launch.py")))),
     ],
     zip_safe=False,
     python_requires=">=3.10",
     # The same dependencies stand in package.xml; test/test_package.py compares the two.
     install_requires=[
         "PyYAML>=6.0",
+        "argcomplete>=2.0",
         "matplotlib>=3.6",
         "mcap>=1.5",
         "numba>=0.59",
@@ -66,7 +70,7 @@ setup(
             "pytest-xdist",
             "zstandard",
         ],
-        "colcon": ["colcon-ros>=0.5"],
+        "colcon": ["colcon-metadata>=0.2", "colcon-ros>=0.5"],
         # Optional: a cluster for sweeps, and a peer to measure against.
         "dask": ["distributed"],
         # GTSAM 4.2, the last for Python 3.10, does not go with numpy 2.
@@ -90,6 +94,7 @@ setup(
             "imu_prediction_node = vislam_ros.nodes.imu_prediction_node:main",
             "recorder_node = vislam_ros.nodes.recorder_node:main",
             "slam_node = vislam_ros.nodes.slam_node:main",
+            "stereo_tracker_node = vislam_ros.nodes.stereo_tracker_node:main",
             "vislam = vislam_ros.cli.main:main",
         ],
     },

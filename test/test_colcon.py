@@ -5,6 +5,7 @@
 import dataclasses
 import importlib.util
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -67,8 +68,10 @@ def test_the_package_and_its_executables_are_where_ros2_run_looks(
     for name in EXECUTABLES:
         assert os.access(prefix / "lib" / "vislam_ros" / name, os.X_OK), name
     share = Path(packages.get_package_share_directory("vislam_ros"))
-    for path in (REPOSITORY / "config").glob("*.yaml"):
+    for path in (REPOSITORY / "config").iterdir():
         assert (share / "config" / path.name).read_bytes() == path.read_bytes()
+    launch_file = REPOSITORY / "vislam_ros" / "launch" / "vislam.launch.py"
+    assert (share / "launch" / launch_file.name).read_bytes() == launch_file.read_bytes()
 
 
 def test_the_installed_command_runs_the_installed_modules(
@@ -95,6 +98,16 @@ def test_the_installed_command_runs_the_installed_modules(
     )
     assert command.returncode == 0, command.stderr
     assert "simulate" in command.stdout
+
+
+def test_vislam_is_on_the_path_of_whoever_sources_the_workspace(
+    install: Path, environment: dict[str, str]
+) -> None:
+    if importlib.util.find_spec("colcon_metadata") is None:
+        pytest.skip("needs colcon-metadata, which reads colcon.pkg: pip install '.[colcon]'")
+    folder = install / "vislam_ros" / "lib" / "vislam_ros"
+    assert environment["PATH"].split(os.pathsep)[0] == str(folder)
+    assert shutil.which("vislam", path=environment["PATH"]) == str(folder / "vislam")
 
 
 def test_the_installed_slam_node_starts_with_ekf_yaml_and_answers_for_its_parameters(

@@ -29,7 +29,7 @@ ROS_WHEELS = {
     },
 }
 # Not among the wheels; imported only where it exists.
-FULL_ROS_ONLY = {"tf2_msgs"}
+FULL_ROS_ONLY = {"ament_index_python", "launch", "launch_ros", "tf2_msgs"}
 # rosdep keys that are not "python3-" and the name on the package index.
 ROSDEP_KEYS = {
     "mcap": "python3-mcap-pip",
@@ -197,11 +197,15 @@ def test_everything_that_is_installed_beside_the_modules_exists(
     assert all(source.is_file() for source in installed.values())
     assert "share/ament_index/resource_index/packages/vislam_ros" in installed
     assert "share/vislam_ros/package.xml" in installed
-    assert "share/vislam_ros/config/ekf.yaml" in installed
+    for name in ("ekf.yaml", "vislam.rviz", "vislam.foxglove.json"):
+        assert f"share/vislam_ros/config/{name}" in installed
+    assert "share/vislam_ros/launch/vislam.launch.py" in installed
 
 
 def test_every_folder_of_the_package_is_a_package_of_its_own() -> None:
-    folders = {path.parent for path in (REPOSITORY / "vislam_ros").rglob("*.py")}
+    # What the launch system runs as a file is installed beside the package.
+    paths = (REPOSITORY / "vislam_ros").rglob("*.py")
+    folders = {path.parent for path in paths if not path.name.endswith(".launch.py")}
     assert len(folders) > 10
     # setuptools installs no folder without it, and nothing below.
     assert not [folder for folder in folders if not (folder / "__init__.py").is_file()]

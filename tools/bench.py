@@ -35,6 +35,7 @@ from benchmark.recorded_drive import first_steps
 from benchmark.report_table import print_report
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
+from vislam_ros.cli.grammar.shared import NO_OVERRIDES
 from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.core.filters.registry import estimator_named, estimator_names
 from vislam_ros.core.filters.settings import ObservationSettings
@@ -382,7 +383,7 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="replace FILE, and a battery's rows of other settings or code",
     )
-    parser.set_defaults(fraction=None, seed=None, map=None)
+    parser.set_defaults(**NO_OVERRIDES)
     return parser
 
 

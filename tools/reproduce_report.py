@@ -21,6 +21,7 @@ from report.experiments import (
 from report.figures import FIGURES, SHOWN, draw_figure
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
+from vislam_ros.cli.grammar.shared import NO_OVERRIDES
 from vislam_ros.cli.parameters import run_parameters, shared_file
 from vislam_ros.cli.reading import read_input
 from vislam_ros.cli.screen import progress_bar
@@ -53,9 +54,7 @@ def _settings() -> BaseSettings:
         path = shared_file(file)
         if path is None:
             raise VislamError(f"config/{file}: is not installed")
-        parameters = run_parameters(
-            argparse.Namespace(params=path, estimator=None, fraction=None, seed=None, map=None)
-        )
+        parameters = run_parameters(argparse.Namespace(params=path, **NO_OVERRIDES))
         slam[base], prediction[base] = parameters.slam, parameters.prediction
     return BaseSettings(slam, prediction)
 

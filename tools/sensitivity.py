@@ -27,6 +27,7 @@ from benchmark.sensitivity.summary import markdown, summary
 from benchmark.sensitivity.trials import TrialSettings, run_trial, trials_of
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
+from vislam_ros.cli.grammar.shared import NO_OVERRIDES
 from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.files.json_file import write_json
@@ -129,7 +130,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--jobs", type=int, default=available_cores(), metavar="N", help="processes (all cores)")
     add("--out", type=Path, default=Path("sensitivity"), metavar="DIR", help="(sensitivity)")
     add("--force", action="store_true", help="begin anew")
-    parser.set_defaults(estimator="robocentric", fraction=None, seed=None, map=None)
+    parser.set_defaults(**{**NO_OVERRIDES, "estimator": "robocentric"})
     return parser
 
 

@@ -3,6 +3,7 @@
 """The commands that need no graph: what they write, print and refuse."""
 
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from places import REPOSITORY
 
 from vislam_ros.cli.main import main
 from vislam_ros.cli.screen import print_summary
+from vislam_ros.data.pictures.results import plot_results
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.data.trajectory import read_tum
 
@@ -62,6 +64,7 @@ def test_a_drive_is_simulated_along_a_reference_to_its_end(tmp_path, capsys):
     one, other = (read_tum(path.with_suffix(".tum")) for path in (first, again))
     np.testing.assert_array_equal(one.stamps, other.stamps)
     np.testing.assert_allclose(one.T_world_body, other.T_world_body, atol=1e-12)
+    capsys.readouterr()
     line = error_line(capsys, "simulate", tmp_path / "x.npz", "--steps", "21", *along)
     assert "21 steps" in line
 
@@ -235,6 +238,54 @@ def test_pictures_are_drawn_and_not_replaced_unasked(solved, dataset, tmp_path, 
         assert Path(picture).read_bytes().startswith(b"\x89PNG")
     assert "exists already" in error_line(capsys, *argv)
     assert main([str(word) for word in [*argv, "--force"]]) == 0
+
+
+def test_a_picture_that_nobody_asked_for_is_replaced_and_one_that_somebody_did_is_not(
+    solved, tmp_path, capsys
+):
+    results = read_results(solved)
+    plot_results(results, output=tmp_path, of_run=True)
+    drawn = (tmp_path / "trajectory.png").read_bytes()
+    argv = ["plot", solved, "--output", tmp_path]
+    assert main([str(word) for word in argv]) == 0
+    assert (tmp_path / "trajectory.png").read_bytes() != drawn
+    assert "exists already" in error_line(capsys, *argv)
+    (tmp_path / "trajectory.png").write_bytes(b"mine")
+    (tmp_path / "steps.png").write_bytes(drawn)
+    assert "trajectory.png: exists already" in error_line(capsys, *argv)
+    assert (tmp_path / "steps.png").read_bytes() == drawn
+
+
+def test_each_command_tells_the_next_in_words_that_can_be_pasted(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    argv = ["simulate", "a drive.npz", "--steps", "40", "--landmarks", "200"]
+    assert main(argv) == 0
+    told = next_command(capsys)
+    assert told == ["run", "a drive.npz", "--out", "results/a drive"]
+    assert main(["solve", *told[1:]]) == 0
+    wrote, _ = capsys.readouterr().err.splitlines()[-2:]
+    assert "wrote results/a drive: " in wrote
+    names = {path.name for path in Path("results/a drive").iterdir()}
+    assert set(wrote.split(": ")[1].split(", ")) == names
+    assert main(["verify", "results/a drive"]) == 0
+    told = next_command(capsys)
+    assert told == ["evaluate", "results/a drive", "--reference", "REF.tum"]
+    assert main([*told[:-1], "a drive.tum"]) == 0
+    told = next_command(capsys)
+    assert told == ["plot", "results/a drive", "--reference", "a drive.tum"]
+    assert main(told) == 0
+    assert main(["convert", "a drive.npz", "bag"]) == 0
+    assert next_command(capsys) == ["run", "bag", "--out", "results/a drive"]
+    assert main(["verify", "bag"]) == 0
+    assert next_command(capsys) == ["solve", "bag", "--out", "results/bag"]
+
+
+def next_command(capsys):
+    """Words after vislam that the last line of standard error tells."""
+    line = capsys.readouterr().err.splitlines()[-1]
+    words = shlex.split(line)
+    assert words[:2] == ["next:", "vislam"], line
+    return words[2:]
 
 
 def test_an_output_that_exists_is_refused_and_left_alone(solved, dataset, bag, capsys):

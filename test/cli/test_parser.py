@@ -3,6 +3,9 @@
 """Wrong usage, help, and that flags say what the rest of the package means."""
 
 import dataclasses
+import os
+import subprocess
+import sys
 from typing import get_args
 
 import pytest
@@ -27,7 +30,6 @@ COMMANDS = ("simulate", "convert", "play", "run", "solve", "evaluate", "export",
 @pytest.mark.parametrize(
     "argv",
     [
-        [],
         ["fly"],
         ["solve", "drive.npz"],
         ["solve", "drive.npz", "--out", "r", "--estimator", "magic"],
@@ -62,6 +64,78 @@ def test_help_has_examples_that_parse(command, capsys):
     for example in examples:
         words = example.split(">")[0].split()
         assert build_parser().parse_args(words[1:]).command == command
+
+
+@pytest.mark.parametrize(
+    ("argv", "suggestion"),
+    [
+        (["slove", "drive.npz"], "did you mean solve?"),
+        (["--versoin"], "did you mean --version, not --versoin?"),
+        (["solve", "d.npz", "--out", "r", "--smoth"], "did you mean --smooth, not --smoth?"),
+        (["solve", "d.npz", "--ot=r"], "did you mean --out, not --ot?"),
+        (["evaluate", "r", "--refrence", "a"], "did you mean --reference, not --refrence?"),
+        (["play", "bag", "--rats", "0", "--ros-args", "--lop"], "--rate, not --rats?"),
+    ],
+)
+def test_a_typo_is_answered_with_what_was_meant(argv, suggestion, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(argv)
+    assert caught.value.code == 2
+    text = capsys.readouterr().err
+    assert text.endswith(f"{suggestion}\n")
+    if argv[0] in COMMANDS:
+        assert text.startswith(f"usage: vislam {argv[0]} ")
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["xyzzy"],
+        ["solve", "drive.npz", "--out", "r", "--xyzzy"],
+        ["solve", "drive.npz", "--smo"],
+        ["solve", "slove"],
+    ],
+)
+def test_what_is_like_nothing_or_no_typo_gets_no_suggestion(argv, capsys):
+    with pytest.raises(SystemExit):
+        main(argv)
+    assert "did you mean" not in capsys.readouterr().err
+
+
+def test_without_a_command_it_prints_the_help_with_three_commands_to_begin_with(capsys):
+    assert main([]) == 0
+    text = capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert capsys.readouterr().out == text
+    examples = [line.split("   ")[0].split() for line in text.splitlines() if "  vislam " in line]
+    assert [words[1] for words in examples] == ["simulate", "run", "evaluate"]
+    for words in examples:
+        assert build_parser().parse_args(words[1:]).command == words[1]
+
+
+@pytest.mark.parametrize(
+    ("line", "completions"),
+    [
+        ("vislam so", {"solve"}),
+        ("vislam s", {"simulate", "solve", "sweep"}),
+        ("vislam solve --sm", {"--smooth"}),
+        ("vislam evaluate r --align ", {"se3", "yaw", "none"}),
+    ],
+)
+def test_the_shell_is_told_what_may_follow(line, completions, tmp_path):
+    environment = {
+        **os.environ,
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "completions"),
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+    }
+    program = [sys.executable, "-m", "vislam_ros.cli.main"]
+    subprocess.run(program, env=environment, cwd=tmp_path, timeout=60, check=True)
+    told = (tmp_path / "completions").read_text().split("\n")
+    assert {text.strip() for text in told if text.strip()} == completions
 
 
 def test_the_version_is_the_packages(capsys):

@@ -5,16 +5,16 @@ import copy
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Imu
 
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.bags import decoding
-from vislam_ros.data.bags.layout import DEFAULT_FRAMES, IMU, PREDICTION, TWIST
-from vislam_ros.nodes import conversions, tf
+from vislam_ros.data.bags.layout import DEFAULT_FRAMES, IMU, PREDICTION, TRANSFORMS, TWIST
+from vislam_ros.nodes import conversions
 from vislam_ros.nodes.imu_prediction_node import ImuPredictionNode
-from vislam_ros.nodes.tf import TransformSender
 
 TOPIC = PREDICTION.recorded
 
@@ -147,28 +147,18 @@ def test_frames_are_parameters(make_node, capture, drive):
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("o", "b")
 
 
-class FakeTFMessage:
-    """Stands for tf2_msgs, which is not installed everywhere."""
-
-    def __init__(self, transforms):
-        self.transforms = transforms
-
-
-def test_tf_says_the_same_as_the_odometry(node, drive, monkeypatch):
-    sent = []
-    monkeypatch.setattr(tf, "TFMessage", FakeTFMessage)
-    monkeypatch.setattr(node.monitor, "advertise", lambda *_: "/tf")
-    node._tf = TransformSender(node, node.monitor)
-    monkeypatch.setattr(node.monitor, "publish", lambda *sending: sent.append(sending))
+def test_tf_says_the_same_as_the_odometry(node, capture, drive):
+    published = capture(node)
     for message in drive.twists[:3]:
         node.on_twist(message)
-    (_, odometry), (publisher, message) = sent[-2:]
-    transform = message.transforms[0]
-    assert publisher == "/tf"
-    assert transform.header == odometry.header
-    assert transform.child_frame_id == "base_link"
+    odometry, data = published[TOPIC][-1], published[TRANSFORMS.name][-1]
+    store = get_typestore(Stores.ROS2_JAZZY)
+    (transform,) = store.deserialize_cdr(data, TRANSFORMS.msgtype).transforms
+    assert transform.header.stamp.nanosec == odometry.header.stamp.nanosec
+    assert transform.header.frame_id == odometry.header.frame_id == "odom"
+    assert transform.child_frame_id == odometry.child_frame_id == "base_link"
     assert transform.transform.translation.x == odometry.pose.pose.position.x
-    assert transform.transform.rotation == odometry.pose.pose.orientation
+    assert transform.transform.rotation.z == odometry.pose.pose.orientation.z
 
 
 def test_the_gyroscope_alone_gives_the_core_s_poses_and_says_that_it_knows_no_velocity(

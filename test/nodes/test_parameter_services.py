@@ -84,6 +84,8 @@ def test_no_node_ends_because_it_is_asked_for_its_parameters(graph):
         assert asker.set(name, "use_sim_time", True).successful
         assert not asker.set(name, "no_such_parameter", 1).successful
     assert asker.set("slam_node", "path_length", 5).successful
+    assert asker.set("slam_node", "chi2_gate", 9.0).successful
+    assert asker.dump("slam_node")["chi2_gate"] == 9.0
     for node, parameter, value in (
         ("slam_node", "path_length", -5),
         ("slam_node", "path_length", "short"),

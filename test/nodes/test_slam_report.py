@@ -3,8 +3,10 @@
 """What slam_node says of its steps, and what is read of that."""
 
 import json
+import re
 
 import pytest
+from places import REPOSITORY
 from rclpy.node import Node
 
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
@@ -102,6 +104,15 @@ def test_diagnostics_tell_what_the_steps_since_the_last_report_amount_to(report,
         assert values["step max [ms]"] == max(step.ms for step in part)
     assert values["steps"] == len(steps)
     assert "step max [ms]" not in report.values()
+
+
+def test_diagnostics_tell_what_the_layout_of_foxglove_plots(report, steps):
+    text = (REPOSITORY / "config" / "vislam.foxglove.json").read_text()
+    plotted = set(re.findall(r'key==\\"([^"]*)\\"', text))
+    for step in steps:
+        report.add(step, step.row())
+    assert len(plotted) > 2
+    assert plotted <= report.values().keys()
 
 
 def test_diagnostics_tell_what_the_filter_estimates_with_its_deviation_and_unit(report, steps):

@@ -85,18 +85,9 @@ class DenseRobocentricFilter:
         # Keys in the order of the track noise.
         self.judged: list[int] = []
         self.T_world_body = np.eye(4)
-        self.P: Array = np.diag(
-            np.repeat(
-                [
-                    settings.prior_pose_variance,
-                    50.0**2,
-                    2.0**2,
-                    settings.gyro_bias_std**2,
-                    settings.lens_distortion_std**2,
-                ],
-                [6, 3, 3, 3, 1],
-            )
-        )
+        bias, lens = settings.gyro_bias_std**2, settings.lens_distortion_std**2
+        prior = [settings.prior_pose_variance, 50.0**2, 2.0**2, bias, lens]
+        self.P: Array = np.diag(np.repeat(prior, [6, 3, 3, 3, 1]))
         # Estimates of all but the pose; of a clone the error.
         self.estimate = np.zeros(S)
         # First rows of the landmarks that the motion warps.
@@ -132,6 +123,8 @@ class DenseRobocentricFilter:
                 after = np.diag(self.P)[TWIST]
                 error_variance = np.diag(H @ self.P @ H.T)
                 self.motion_noise.update(change, variances, after, error, error_variance, tau)
+        if rejected and 2 * len(rejected) >= len(known):
+            self.P[TWIST, TWIST] += np.diag(np.repeat([50.0**2, 2.0**2], 3))
         self.initialize([keys[i] for i in new], frame.pixels[new], factors[new])
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))

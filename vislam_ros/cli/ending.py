@@ -1,12 +1,12 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How ``solve`` and ``run`` end: the same table, note and exit code for the same results."""
+"""How ``solve`` and ``run`` end: the same table, notes and exit code for the same results."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from vislam_ros.cli.lines import tell
+from vislam_ros.cli.lines import tell, tell_next
 from vislam_ros.cli.screen import print_summary
 from vislam_ros.data.results.completeness import describe_refused
 from vislam_ros.errors import VislamError
@@ -44,3 +44,20 @@ def require_complete(passes: Sequence[PassResults]) -> None:
     if last["refused"]:
         refused = describe_refused(last["refused"], last["refused_first"])
         tell(f"note: not used: {refused}")
+
+
+def tell_written(passes: Sequence[PassResults], data: Path) -> None:
+    """Name the files of each pass on standard error, and what comes next.
+
+    Parameters
+    ----------
+    passes : sequence of tuple
+    data : Path
+        What was estimated from; the truth stands beside it where it was simulated.
+    """
+    for directory, _ in passes:
+        names = sorted(path.name for path in directory.iterdir() if path.is_file())
+        tell(f"wrote {directory}: {', '.join(names)}")
+    truth = data.with_suffix(".tum")
+    reference = str(truth) if truth.is_file() else "REF.tum"
+    tell_next("evaluate", str(passes[0][0]), "--reference", reference)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The umbrella command ``vislam``, and the one place where its errors become a line."""
 
+import argparse
 import importlib
 import os
 import sys
@@ -9,21 +10,29 @@ import traceback
 import warnings
 from collections.abc import Sequence
 
-from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, PIPE_CLOSED
+from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK, PIPE_CLOSED
 from vislam_ros.cli.interrupts import is_interrupt, take_interrupts
 from vislam_ros.cli.lines import tell
 from vislam_ros.errors import reason_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code; wrong usage raises SystemExit(2)."""
+    """Run a command and return its exit code; wrong usage raises SystemExit(2).
+
+    Without a command it prints the help.
+    """
     verbose = False
     try:
         take_interrupts()
         # Imported here, so that an interrupt meanwhile ends as any other.
         from vislam_ros.cli.parser import build_parser
 
-        arguments = build_parser().parse_args(argv)
+        parser = build_parser()
+        _answer_shell(parser)
+        if not (sys.argv[1:] if argv is None else argv):
+            parser.print_help()
+            return OK
+        arguments = parser.parse_args(argv)
         verbose = arguments.verbose
         with warnings.catch_warnings():
             if not (verbose or sys.warnoptions):
@@ -51,6 +60,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         _leave_stdout()
         tell(f"error: {reason_of(error)}")
         return FAILED
+
+
+def _answer_shell(parser: argparse.ArgumentParser) -> None:
+    """Where a shell asks for tab completion, tell it what may follow, and end."""
+    if "_ARGCOMPLETE" in os.environ:
+        import argcomplete
+
+        argcomplete.autocomplete(parser)
 
 
 def _leave_stdout() -> None:

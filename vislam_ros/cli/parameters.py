@@ -25,19 +25,23 @@ from vislam_ros.core.settings import (
 from vislam_ros.data.bags.layout import Frames
 from vislam_ros.data.bags.reader import ReadingRules
 from vislam_ros.data.files.parameter_file import node_parameters, read_parameters
+from vislam_ros.data.results.completeness import TRACKER
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import SettingsError
+from vislam_ros.frontend.settings import TrackerSettings
 from vislam_ros.nodes.settings import (
     PredictionNodeSettings,
     RecorderSettings,
     SlamNodeSettings,
     SlamOutputSettings,
+    TrackerNodeSettings,
 )
 
 SETTINGS_OF_NODES: dict[str, tuple[Any, ...]] = {
     "imu_prediction_node": (PredictionNodeSettings, PredictionSettings),
     "slam_node": (SlamNodeSettings, SlamOutputSettings),
     "recorder_node": (RecorderSettings,),
+    TRACKER: (TrackerNodeSettings, TrackerSettings),
 }
 """The nodes' own; slam_node has those of its estimator, too."""
 
@@ -57,6 +61,8 @@ class RunParameters:
         The map of an estimator that needs one.
     reading : ReadingRules
         How the nodes would take a bag's messages.
+    tracker : TrackerSettings
+        Of the tracks of images.
     """
 
     given: dict[str, dict[str, Any]]
@@ -64,6 +70,7 @@ class RunParameters:
     prediction: PredictionSettings
     given_map: LandmarkMap | None
     reading: ReadingRules
+    tracker: TrackerSettings
 
     @property
     def slam_values(self) -> dict[str, Any]:
@@ -131,19 +138,24 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
         prediction=checked[PredictionSettings],
         given_map=read_landmarks(Path(map_file)) if map_file else None,
         reading=_reading_rules(f"{file}: " if file else "", checked),
+        tracker=checked[TrackerSettings],
     )
 
 
 def _reading_rules(where: str, checked: dict[Any, Any]) -> ReadingRules:
     """Rules of the nodes' settings, which must agree on the frames between the nodes."""
     slam, prediction = checked[SlamNodeSettings], checked[PredictionNodeSettings]
-    for name in ("odom_frame", "base_frame"):
-        one, other = getattr(prediction, name), getattr(slam, name)
-        if one != other:
-            raise SettingsError(
-                f"{where}{name}: is {one!r} for imu_prediction_node and {other!r} for slam_node: "
-                "give both the same"
-            )
+    for node, settings, names in (
+        ("imu_prediction_node", prediction, ("odom_frame", "base_frame")),
+        (TRACKER, checked[TrackerNodeSettings], ("base_frame", "camera_frame")),
+    ):
+        for name in names:
+            one, other = getattr(settings, name), getattr(slam, name)
+            if one != other:
+                raise SettingsError(
+                    f"{where}{name}: is {one!r} for {node} and {other!r} for slam_node: give both "
+                    "the same"
+                )
     return ReadingRules(
         frames=Frames(slam.map_frame, slam.odom_frame, slam.base_frame, slam.camera_frame),
         twist_time_jump=checked[PredictionSettings].time_jump,

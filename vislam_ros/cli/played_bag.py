@@ -8,9 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
-from vislam_ros.data.bags.layout import FEATURES, TOPICS, Topic
+from vislam_ros.data.bags.layout import (
+    FEATURES,
+    IMAGES,
+    IMU,
+    LEFT_COMPRESSED,
+    LEFT_IMAGE,
+    TOPICS,
+    TWIST,
+    Topic,
+)
 from vislam_ros.data.bags.naming import names_in_bag, namespace_of
 from vislam_ros.errors import VislamError
+
+_KNOWN = (*TOPICS, *IMAGES)
 
 
 def renamed_topics(arguments: argparse.Namespace) -> dict[str, str]:
@@ -38,7 +49,7 @@ class PlayedBag:
     namespace : str
         Of nodes and player; empty is the outermost one.
     names : mapping of Topic to str
-        What the bag calls the topics of a drive.
+        What the bag calls the topics of a drive, and its images.
     counts : mapping of str to int
         Messages of each topic that the bag has.
     """
@@ -54,12 +65,25 @@ class PlayedBag:
         with BagMessages(path) as bag:
             counts = {connection.topic: connection.count for connection in bag.connections}
         namespace = namespace_of(namespace)
-        return cls(path, namespace, names_in_bag(TOPICS, counts, namespace, renamed), counts)
+        return cls(path, namespace, names_in_bag(_KNOWN, counts, namespace, renamed), counts)
+
+    @property
+    def has_gyroscope_alone(self) -> bool:
+        """Whether the bag has no topic of twists, and one of an IMU."""
+        return self.names[TWIST] not in self.counts and self.names[IMU] in self.counts
+
+    @property
+    def images(self) -> Topic | None:
+        """Topic of the left images that are to be tracked; None where there are features."""
+        if self.counts.get(self.names[FEATURES]):
+            return None
+        sides = (LEFT_IMAGE, LEFT_COMPRESSED)
+        return next((side for side in sides if self.counts.get(self.names[side])), None)
 
     @property
     def frames(self) -> int:
-        """Number of features messages."""
-        return self.counts.get(self.names[FEATURES], 0)
+        """Number of features messages, or of left images where there are none."""
+        return self.counts.get(self.names[self.images or FEATURES], 0)
 
     @property
     def node_arguments(self) -> list[str]:
@@ -70,7 +94,7 @@ class PlayedBag:
     def player_arguments(self) -> list[str]:
         """Flags of ``vislam play`` that make it speak to these nodes."""
         flags = [f"--namespace={self.namespace}"] if self.namespace else []
-        usual = names_in_bag(TOPICS, self.counts, self.namespace)
+        usual = names_in_bag(_KNOWN, self.counts, self.namespace)
         others = {topic: name for topic, name in self.names.items() if name != usual[topic]}
         rules = [f"{name}:={self.namespace}{topic.recorded}" for topic, name in others.items()]
         if not rules:

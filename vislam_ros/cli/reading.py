@@ -12,9 +12,12 @@ from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.datasets.formats import import_format
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.loading import load_passes
+from vislam_ros.frontend.settings import TrackerSettings
 
 
-def read_input(arguments: argparse.Namespace, rules: ReadingRules) -> tuple[Drive, ...]:
+def read_input(
+    arguments: argparse.Namespace, rules: ReadingRules, tracker: TrackerSettings | None = None
+) -> tuple[Drive, ...]:
     """Read the data that a command is given, pass by pass, and tell what was repaired."""
     use_format(arguments)
     with progress_bar("reading", 1.0) as update:
@@ -25,6 +28,7 @@ def read_input(arguments: argparse.Namespace, rules: ReadingRules) -> tuple[Driv
             topics=renamed_topics(arguments),
             namespace=arguments.namespace,
             motion=arguments.motion,
+            tracker=tracker,
             progress=lambda share: update(share, ""),
         )
     print_notes(passes[0])

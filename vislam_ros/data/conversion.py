@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import file_sha256, require_intact
@@ -17,14 +18,14 @@ from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.image_sources import is_images
+from vislam_ros.data.image_sources import is_images, read_images
 from vislam_ros.data.images.bags import reader as bag
-from vislam_ros.data.loading import load_images
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.errors import VislamError
+from vislam_ros.frontend.settings import TrackerSettings
 
-_LOADING_SHARE = 0.8
+_LOADING = 0.8
 
 
 def convert(
@@ -37,10 +38,14 @@ def convert(
     topics: Mapping[str, str] | None = None,
     namespace: str = "",
     frames: Frames = DEFAULT_FRAMES,
+    tracks: bool = False,
+    tracker: TrackerSettings | None = None,
     force: bool = False,
     progress: Progress | None = None,
 ) -> Drive:
-    """Write a dataset as a bag directory and return what was written.
+    """Write a dataset or images as a bag directory and return what was written.
+
+    Images that are written are frames without features in what is returned.
 
     Parameters
     ----------
@@ -58,6 +63,10 @@ def convert(
         For bags with images, likewise.
     frames : Frames, optional
         Of the messages.
+    tracks : bool, optional
+        Write tracks of the images, and not the images themselves.
+    tracker : TrackerSettings, optional
+        Of these tracks.
     force : bool
         Replace a bag that exists.
     progress : callable, optional
@@ -70,30 +79,47 @@ def convert(
     """
     check_bag_output(output, force=force)
     report = progress or (lambda _share: None)
-
-    def reading(share: float) -> None:
-        report(_LOADING_SHARE * share)
-
     if is_bag(data):
         require_intact(data)
-    if is_images(data) or (is_bag(data) and bag.matches(data, topics)):
-        drive = load_images(
+    settings: dict[str, object] = dataclasses.asdict(conventions)
+    if reference is not None:
+        settings["reference"] = {"name": reference.name, "sha256": file_sha256(reference)}
+    of_images = is_images(data) or (is_bag(data) and bag.matches(data, topics))
+    if motion is not None and data.exists() and not of_images:
+        raise VislamError(f"{data}: holds no images: leave out --motion, which is for these")
+    if not of_images:
+        drive = read_dataset(data, conventions=conventions, progress=_part(report, 0, _LOADING))
+    else:
+        images = read_images(
             data,
             motion,
             conventions=conventions,
             rules=ReadingRules(frames=frames),
             topics=topics,
             namespace=namespace,
-            progress=reading,
         )
-    elif motion is not None and data.exists():
-        raise VislamError(f"{data}: holds no images: leave out --motion, which is for these")
-    else:
-        drive = read_dataset(data, conventions=conventions, progress=reading)
-    settings: dict[str, object] = dataclasses.asdict(conventions)
+        # OpenCV takes a while to import, which others need not wait for.
+        from vislam_ros.data.images.bags.writer import motion_drive, write_image_bag
+        from vislam_ros.data.images.tracking import tracked_drive
+
+        if not tracks:
+            if reference is not None:
+                truth = _clipped(reference, images.name, images.stamps)
+                images = dataclasses.replace(images, ground_truth=truth)
+            write_image_bag(
+                images,
+                output,
+                source=data,
+                settings=settings,
+                force=force,
+                frames=frames,
+                progress=report,
+            )
+            return motion_drive(images)
+        drive = tracked_drive(images, tracker, progress=_part(report, 0, _LOADING))
     if reference is not None:
-        drive = dataclasses.replace(drive, ground_truth=_clipped(reference, drive))
-        settings["reference"] = {"name": reference.name, "sha256": file_sha256(reference)}
+        truth = _clipped(reference, drive.name, drive.feature_stamps)
+        drive = dataclasses.replace(drive, ground_truth=truth)
     write_bag(
         drive,
         output,
@@ -101,19 +127,24 @@ def convert(
         settings=settings,
         force=force,
         frames=frames,
-        progress=lambda share: report(_LOADING_SHARE + (1.0 - _LOADING_SHARE) * share),
+        progress=_part(report, _LOADING, 1.0),
     )
     return drive
 
 
-def _clipped(reference: Path, drive: Drive) -> Trajectory:
-    """Poses of a reference in a drive's span of time."""
+def _part(report: Progress, begin: float, end: float) -> Progress:
+    """Report of a part of the whole."""
+    return lambda share: report(begin + (end - begin) * share)
+
+
+def _clipped(reference: Path, name: str, stamps: NDArray[np.int64]) -> Trajectory:
+    """Poses of a reference in a drive's span of time, that of its frames' stamps (n,)."""
     truth = read_trajectory(reference)
-    first, last = drive.feature_stamps[0], drive.feature_stamps[-1]
+    first, last = stamps[0], stamps[-1]
     inside = (truth.stamps >= first) & (truth.stamps <= last)
     if not inside.any():
         raise VislamError(
-            f"{reference}: has no pose in the time of {drive.name}, {first} to {last} ns: it "
+            f"{reference}: has no pose in the time of {name}, {first} to {last} ns: it "
             "belongs to another drive"
         )
     quaternions = truth.quaternions[inside]

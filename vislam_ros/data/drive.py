@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.ranges import GAP, PIXEL, TURN_RATE, VELOCITY
 from vislam_ros.core.tracking.refusals import RefusalCounts
+from vislam_ros.data.finding import Finding
 from vislam_ros.data.trajectory import LATEST_SECOND, NANOSECONDS, Trajectory, nanoseconds
 from vislam_ros.errors import VislamError
 
@@ -52,9 +53,12 @@ class Drive:
     ground_truth : Trajectory or None
         Poses of the body in its first pose's frame, where they are known.
     notes : tuple of str
-        What a reader repaired or left out, a sentence each.
+        What a reader repaired or left out, a line each.
     refused : RefusalCounts
         Messages that a reader refused, as the nodes would.
+    findings : tuple of Finding
+        What a dataset's reader found wrong and repaired, with figures; each has its note. They are
+        no part of what a bag keeps.
     """
 
     name: str
@@ -70,6 +74,7 @@ class Drive:
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
     refused: RefusalCounts = field(default_factory=RefusalCounts)
+    findings: tuple[Finding, ...] = field(default=(), compare=False)
 
     @classmethod
     def from_tracks(
@@ -147,6 +152,10 @@ class Drive:
             noise=stated,
             ground_truth=ground_truth,
         )
+
+    def with_finding(self, finding: Finding) -> "Drive":
+        """Drive with one more finding, and its note."""
+        return replace(self, findings=(*self.findings, finding), notes=(*self.notes, finding.note))
 
     @property
     def measures_velocity(self) -> bool:

@@ -3,12 +3,14 @@
 """Images of whatever kind a command is given, and the motion for them from another file."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
 from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.bags.reader import DEFAULT_RULES, ReadingRules, read_passes
 from vislam_ros.data.datasets import npz
+from vislam_ros.data.datasets.array_stream import open_arrays
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import format_of, read_dataset
 from vislam_ros.data.images.bags import reader as bag
@@ -93,8 +95,7 @@ def read_motion(
     """Read the motion of a dataset or of a bag; arguments and errors as :func:`read_images`."""
     dataset_format = format_of(path)
     if dataset_format is npz:
-        drive, rectification = npz.read_with_rectification(path, conventions)
-        return GivenMotion.of_drive(drive, str(path), rectification)
+        return _dataset_motion(path, conventions)
     if dataset_format:
         return GivenMotion.of_drive(read_dataset(path, conventions=conventions), str(path))
     if not is_bag(path):
@@ -106,6 +107,20 @@ def read_motion(
         first, *_ = read_passes(path, rules=rules, topics=of_motion, namespace=namespace)
         return GivenMotion.of_drive(first, str(path))
     return bag.read_motion(path, frames=rules.frames, topics=of_motion, namespace=namespace)
+
+
+def _dataset_motion(path: Path, conventions: Conventions) -> GivenMotion:
+    with open_arrays(path) as arrays:
+        has_features = npz.FEATURES in arrays
+    as_given = replace(conventions, imu_frame="as-given", twist_index="end", twist_origin="body")
+    drive, rectification = npz.read_with_rectification(
+        path, conventions if has_features else as_given
+    )
+    given = GivenMotion.of_drive(drive, str(path), rectification)
+    if has_features:
+        return given
+    notes = tuple(note for note in given.notes if note != npz.NO_FEATURES)
+    return replace(given, unsettled=conventions, notes=notes)
 
 
 def _with(images: StereoImages, given: GivenMotion | None) -> StereoImages:

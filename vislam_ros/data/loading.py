@@ -16,6 +16,7 @@ from vislam_ros.data.drive import Drive
 from vislam_ros.data.image_sources import is_images, read_images
 from vislam_ros.data.images.bags import reader as bag
 from vislam_ros.errors import VislamError
+from vislam_ros.frontend.settings import TrackerSettings
 
 
 def load_passes(
@@ -26,6 +27,7 @@ def load_passes(
     topics: Mapping[str, str] | None = None,
     namespace: str = "",
     motion: Path | str | None = None,
+    tracker: TrackerSettings | None = None,
     progress: Progress | None = None,
 ) -> tuple[Drive, ...]:
     """Read the drives of a dataset or of images, which is one, or of a bag: one for each pass.
@@ -41,6 +43,8 @@ def load_passes(
     motion : Path or str, optional
         For images, a dataset or a bag with their motion, see
         :func:`vislam_ros.data.image_sources.read_images`.
+    tracker : TrackerSettings, optional
+        For images.
     progress : callable, optional
         For datasets and images, called with the share done.
 
@@ -61,6 +65,7 @@ def load_passes(
             rules=rules,
             topics=topics,
             namespace=namespace,
+            tracker=tracker,
             progress=progress,
         )
         return (drive,)
@@ -86,6 +91,7 @@ def load_drive(
     topics: Mapping[str, str] | None = None,
     namespace: str = "",
     motion: Path | str | None = None,
+    tracker: TrackerSettings | None = None,
     progress: Progress | None = None,
 ) -> Drive:
     """Read a drive, the first pass of :func:`load_passes`, with its arguments and errors."""
@@ -96,6 +102,7 @@ def load_drive(
         topics=topics,
         namespace=namespace,
         motion=motion,
+        tracker=tracker,
         progress=progress,
     )
     if others:
@@ -112,6 +119,7 @@ def load_images(
     rules: ReadingRules = DEFAULT_RULES,
     topics: Mapping[str, str] | None = None,
     namespace: str = "",
+    tracker: TrackerSettings | None = None,
     progress: Progress | None = None,
 ) -> Drive:
     """Track features through images, see :func:`vislam_ros.data.image_sources.read_images`.
@@ -129,4 +137,4 @@ def load_images(
     # OpenCV takes a while to import, which others need not wait for.
     from vislam_ros.data.images.tracking import tracked_drive
 
-    return tracked_drive(images, progress=progress)
+    return tracked_drive(images, tracker, progress=progress)

@@ -65,7 +65,7 @@ class Rectification:
         if self._passes:
             self._camera = StereoCamera.from_matrices(rig.left.K, baseline, rig.T_body_left)
             return
-        R_rectified_left = _common_axes(rig.T_left_right)
+        R_rectified_left = common_axes(rig.T_left_right)
         turns = R_rectified_left, R_rectified_left @ rig.T_left_right[:3, :3]
         K = _common_intrinsics((rig.left, rig.right), turns)
         T_left_rectified = np.eye(4)
@@ -165,8 +165,8 @@ def _check(camera: RawCamera, name: str) -> None:
         raise VislamError(f"{name} camera: D {D.tolist()} is not finite")
 
 
-def _common_axes(T_left_right: Array) -> Array:
-    """Rotation from left to rectified axes: x along the baseline, z between the cameras' own."""
+def common_axes(T_left_right: Array) -> Array:
+    """Rotation (3, 3) from left to rectified axes: x along the baseline, z between the two z."""
     x = T_left_right[:3, 3] / np.linalg.norm(T_left_right[:3, 3])
     between = np.array([0.0, 0.0, 1.0]) + T_left_right[:3, 2]
     y = np.cross(between, x)

@@ -16,12 +16,14 @@ class TrackerSettings:
         "Points that are followed at a time; fewer where the image has no more",
         minimum=1,
         maximum=5000,
+        live=True,
     )
     largest_disparity: int = setting(
         0,
         "Disparity of the nearest points that are begun; 0 is a quarter of the image's width [px]",
         minimum=0,
         maximum=10_000,
+        live=True,
     )
     smallest_correlation: float = setting(
         0.8,
@@ -29,12 +31,14 @@ class TrackerSettings:
         "believed to be of the same; at 0.8 the contrast is twice the noise",
         minimum=0.0,
         maximum=1.0,
+        live=True,
     )
     row_difference: float = setting(
         1.0,
         "A point whose rows in the two rectified images differ by more is left out [px]",
         minimum=0.0,
         maximum=100.0,
+        live=True,
     )
     round_trip: float = setting(
         1.0,
@@ -42,6 +46,7 @@ class TrackerSettings:
         "time or to the left image, is left out [px]",
         minimum=0.0,
         maximum=100.0,
+        live=True,
     )
     off_the_motion: float = setting(
         1.5,
@@ -49,4 +54,5 @@ class TrackerSettings:
         "by itself, or is taken for another [px]",
         minimum=0.0,
         maximum=10_000.0,
+        live=True,
     )

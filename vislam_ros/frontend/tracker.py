@@ -84,8 +84,7 @@ class StereoTracker:
     ):
         self._camera = camera
         self._size = image_size
-        self._settings = settings or TrackerSettings()
-        self._largest = self._settings.largest_disparity or image_size[0] // 4
+        self.change_settings(settings or TrackerSettings())
         self._points = Points.none()
         self._before: tuple[Grey, Grey] | None = None
         self._next_id = 0
@@ -97,6 +96,11 @@ class StereoTracker:
     def settings(self) -> TrackerSettings:
         """Settings that are in use."""
         return self._settings
+
+    def change_settings(self, settings: TrackerSettings) -> None:
+        """Take other settings from the next pair on."""
+        self._settings = settings
+        self._largest = settings.largest_disparity or self._size[0] // 4
 
     def track(
         self, left: Grey, right: Grey, R_now_before: NDArray[np.float64] | None = None

@@ -27,10 +27,11 @@ from geometry_msgs.msg import (
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import ArrayLike, NDArray
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.bags.feature_cloud import (
@@ -38,6 +39,7 @@ from vislam_ros.data.bags.feature_cloud import (
     NOISY_FEATURE_FIELDS,
     pack_features,
 )
+from vislam_ros.data.bags.layout import Frames
 from vislam_ros.data.trajectory import NANOSECONDS
 
 Array = NDArray[np.float64]
@@ -200,6 +202,48 @@ def features_to_message(
     """Features cloud of ids (n,), pixels (n, 4) ``u_left, v_left, ...``, and their noise (n,)."""
     fields, size = (_FEATURE_POINT_FIELDS, 20) if noise is None else (_NOISY_POINT_FIELDS, 24)
     return _cloud(stamp, frame, fields, size, pack_features(ids, pixels, noise))
+
+
+def image_to_message(stamp: int, frame: str, pixels: NDArray[np.uint8], encoding: str) -> Image:
+    """Image of pixels (H, W) or (H, W, channels), and what they are called."""
+    height, width = pixels.shape[:2]
+    return Image(
+        header=header(stamp, frame),
+        height=height,
+        width=width,
+        encoding=encoding,
+        step=pixels.nbytes // height,
+        data=array.array("B", pixels.tobytes()),
+    )
+
+
+def calibration(
+    stamp: int, frames: Frames, camera: StereoCamera, image_size: tuple[int, int]
+) -> tuple[CameraInfo, CameraInfo, TransformStamped]:
+    """Both camera infos of a rectified pair of an image size (width, height), and extrinsics."""
+    K = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+    width, height = image_size
+    infos = [
+        CameraInfo(
+            header=header(stamp, frames.camera),
+            width=width,
+            height=height,
+            distortion_model="plumb_bob",
+            d=np.zeros(5).tolist(),
+            k=K.ravel(),
+            r=np.eye(3).ravel(),
+            p=np.column_stack([K, [shift, 0.0, 0.0]]).ravel(),
+        )
+        for shift in (0.0, -camera.fx_baseline)
+    ]
+    extrinsics = transform(
+        stamp,
+        frames.base,
+        frames.camera,
+        camera.position_body_camera,
+        camera.quaternion_body_camera,
+    )
+    return infos[0], infos[1], extrinsics
 
 
 def landmarks_to_message(stamp: int, frame: str, landmarks: LandmarkMap) -> PointCloud2:

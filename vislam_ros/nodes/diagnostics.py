@@ -68,6 +68,7 @@ class Monitor:
         self._callbacks: dict[str, Callable[..., None]] = {}
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
+        self._uncounted = {DIAGNOSTICS.name}
         self._absorbed: dict[str, Counter[str]] = {}
         self._last_report = time.monotonic()
         self._last_received = self._received.copy()
@@ -91,8 +92,11 @@ class Monitor:
 
     @property
     def inputs(self) -> int:
-        """Messages that came, without the nodes' reports, which would give rise to others."""
-        return self._received.total() - self._received[DIAGNOSTICS.name]
+        """Messages that came, without those that are not counted.
+
+        These are the nodes' reports, which would give rise to others.
+        """
+        return self._received.total() - sum(self._received[name] for name in self._uncounted)
 
     def advertise(self, topic: Topic) -> Publisher:
         """Create a publisher whose number of subscribers is reported as soon as it changes."""
@@ -100,7 +104,12 @@ class Monitor:
         return self._outputs[topic.name]
 
     def subscribe(
-        self, topic: Topic, callback: Callable[..., None], *, with_data: bool = False
+        self,
+        topic: Topic,
+        callback: Callable[..., None],
+        *,
+        with_data: bool = False,
+        counted: bool = True,
     ) -> None:
         """Subscribe with a callback that no message can make fail.
 
@@ -113,7 +122,11 @@ class Monitor:
             Called with the message and, ``with_data``, with its CDR bytes.
         with_data : bool
             Of whoever records: topics stay in step.
+        counted : bool
+            Whether its messages are :attr:`inputs`; what is repeated for ever is none.
         """
+        if not counted:
+            self._uncounted.add(topic.name)
         self._received[topic.name] = 0
         self._callbacks[topic.name] = callback if with_data else lambda msg, _data: callback(msg)
         self._inputs[topic.name] = MatchingSubscription(

@@ -6,6 +6,7 @@ A run ends when the player says that it has finished, and all that it has sent h
 come to something: see :mod:`vislam_ros.data.results.completeness`.
 """
 
+import functools
 import sys
 import time
 from collections.abc import Callable
@@ -23,8 +24,10 @@ from vislam_ros.core.step import Row
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.core.tracking.stamp_pairs import StampPairs
 from vislam_ros.data.bags import decoding
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
 from vislam_ros.data.bags.layout import (
     DIAGNOSTICS,
+    EXTRINSICS,
     GYRO_BIAS,
     LANDMARKS,
     ODOMETRY,
@@ -34,12 +37,14 @@ from vislam_ros.data.bags.layout import (
     Topic,
 )
 from vislam_ros.data.results.completeness import (
+    TRACKER,
     Ledger,
     NodeReport,
     RecordedSteps,
     counts_from_values,
 )
 from vislam_ros.data.results.recording import STOPPED, Pose, Raw, Recording
+from vislam_ros.data.results.scene import static_transform
 from vislam_ros.errors import SettingsError
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor, neighbour
@@ -99,7 +104,7 @@ class RecorderNode(Node):
         self.monitor = Monitor(self, self._describe)
         self._map = MapRequest(self, self.monitor.guard("map", self._on_map_request))
         on_parameters = self.monitor.guard("parameters", self._on_parameters)
-        self._query = ParameterQuery(self, QUERIED, on_parameters)
+        self._query = ParameterQuery(self, QUERIED, on_parameters, if_there=(TRACKER,))
         self._record(ODOMETRY, self.on_odometry)
         self._record(STEPS, self.on_step)
         self._record(GYRO_BIAS, self.on_gyro_bias)
@@ -107,22 +112,26 @@ class RecorderNode(Node):
         self._record(LANDMARKS, self.on_landmarks)
         self._record(PLAYER, self.on_player)
         self._record(DIAGNOSTICS, self.on_diagnostics)
+        for topic in CALIBRATION_TOPICS:
+            self._record(topic, functools.partial(self.on_calibration, topic), counted=False)
         self.monitor.serve("~/flush", self.flush)
         self.monitor.serve("~/finish", self.finish)
         warn_of_undeclared_overrides(self)
         steady_timer(self, _TICK_SECONDS, self.monitor.guard("timer", self.on_tick))
 
-    def _record(self, topic: Topic, callback: Callable[[Any, Raw], None]) -> None:
+    def _record(
+        self, topic: Topic, callback: Callable[[Any, Raw], None], *, counted: bool = True
+    ) -> None:
         """Subscribe, keeping the messages' bytes as they came."""
 
         def on_message(message: Any, data: bytes) -> None:
             callback(message, Raw(topic, data))
 
-        self.monitor.subscribe(topic, on_message, with_data=True)
+        self.monitor.subscribe(topic, on_message, with_data=True, counted=counted)
 
     def on_odometry(self, message: Odometry, raw: Raw) -> None:
         """Take the pose of a step."""
-        pose = Pose(*decoding.pose(message), raw)
+        pose = _pose(message, raw)
         covariance = conversions.covariance_from_odometry(message)
         self._take_step(pose.stamp, self._pairs.add(0, pose.stamp, (pose, covariance)))
 
@@ -167,7 +176,14 @@ class RecorderNode(Node):
 
     def on_prediction(self, message: Odometry, raw: Raw) -> None:
         """Take a predicted pose."""
-        self.recording.add_prediction(Pose(*decoding.pose(message), raw))
+        self.recording.add_prediction(_pose(message, raw))
+
+    def on_calibration(self, topic: Topic, message: Any, raw: Raw) -> None:
+        """Take a camera info or the extrinsics, which viewers know as a static transform."""
+        self.recording.add_latched(raw)
+        if topic is EXTRINSICS:
+            made = static_transform(*decoding.transform(message))
+            self.recording.add_latched(Raw(made.topic, made.data))
 
     def on_landmarks(self, message: PointCloud2, raw: Raw) -> None:
         """Take a map; of one that ends the recording, only that."""
@@ -199,7 +215,7 @@ class RecorderNode(Node):
         self.recording.add_other(raw)
         for entry in message.status:
             node = neighbour(self, entry.name)
-            if node not in QUERIED:
+            if node not in (*QUERIED, TRACKER):
                 continue
             values = {value.key: value.value for value in entry.values}
             if node == "slam_node":
@@ -362,6 +378,11 @@ class RecorderNode(Node):
             self.recording.finish(complete=False, reason=self._stopped())
         finally:
             super().destroy_node()
+
+
+def _pose(message: Odometry, raw: Raw) -> Pose:
+    frames = message.header.frame_id, message.child_frame_id
+    return Pose(*decoding.pose(message), raw, *frames)
 
 
 def main(args: list[str] | None = None) -> int:

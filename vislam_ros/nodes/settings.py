@@ -28,9 +28,7 @@ class PredictionNodeSettings(FrameSettings):
         "imu/data message of the same stamp",
         choices=("twist", "imu"),
     )
-    publish_tf: bool = setting(
-        True, "Publish odom_frame -> base_frame on /tf, where tf2_msgs is installed"
-    )
+    publish_tf: bool = setting(True, "Publish odom_frame -> base_frame on /tf")
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class SlamOutputSettings:
 
     publish_tf: bool = setting(
         True,
-        "Publish map_frame -> odom_frame on /tf, where tf2_msgs is installed",
+        "Publish map_frame -> odom_frame on /tf",
         live=True,
     )
     path_length: int = setting(
@@ -70,6 +68,56 @@ class SlamOutputSettings:
         minimum=0.0,
         maximum=LONGEST_TIME,
         live=True,
+    )
+
+
+@dataclass(frozen=True)
+class TrackerNodeSettings:
+    """Settings of stereo_tracker_node beside those of the tracker."""
+
+    base_frame: str = setting("base_link", "Frame of the body (the IMU)")
+    camera_frame: str = setting("camera_left_optical", "Frame of the left camera")
+    compressed: bool = setting(
+        False, "Take the images of .../compressed (PNG, JPEG) in place of those of image_raw"
+    )
+    images: str = setting(
+        "auto",
+        "What the images are: raw, as the lens makes them; rectified, so that of a camera info P "
+        "alone counts; auto takes them for rectified where the topic's name says rect",
+        choices=("auto", "raw", "rectified"),
+    )
+    gyroscope: str = setting(
+        "auto",
+        "Whether imu/data tells the tracker how far the camera has turned: never; required, so "
+        "that every pair waits for its samples; auto, from the first sample on",
+        choices=("auto", "required", "never"),
+    )
+    stamp_tolerance: float = setting(
+        0.0,
+        "Stamps of left and right by which they still are of one moment; 0 is half the time "
+        "between two images [s]",
+        minimum=0.0,
+        maximum=LONGEST_TIME,
+    )
+    time_jump: float = setting(
+        1.0,
+        "A stamp further than this from the newest one is believed only with the next message "
+        "near it, as that of slam_node [s]",
+        minimum=0.0,
+        maximum=LONGEST_TIME,
+    )
+    max_pending: int = setting(
+        50,
+        "Pairs that may wait for the gyroscope or the cameras, and images for their partner [-]",
+        minimum=1,
+        maximum=10_000,
+    )
+    queue_size: int = setting(
+        10,
+        "Images of each camera that may wait for the tracker to come to them; the oldest are "
+        "lost. 0 keeps all, for bags [-]",
+        minimum=0,
+        maximum=100_000,
     )
 
 

@@ -1,16 +1,16 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Transforms on /tf, where tf2_msgs is installed: a full ROS has it, the one from PyPI not."""
+"""Transforms on /tf, with or without tf2_msgs (see vislam_ros.nodes.made_types)."""
 
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
+from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import TRANSFORMS
+from vislam_ros.data.results.scene import transform_message
 from vislam_ros.nodes.diagnostics import Monitor
 from vislam_ros.nodes.topics import message_class
-
-TFMessage = message_class(TRANSFORMS.msgtype)
 
 
 class TransformSender:
@@ -19,7 +19,7 @@ class TransformSender:
     def __init__(self, node: Node, monitor: Monitor):
         self._monitor = monitor
         self._publisher: Publisher | None = None
-        if TFMessage is None:
+        if message_class(TRANSFORMS.msgtype) is None:
             node.get_logger().info(
                 f"tf2_msgs is not installed: nothing is published on {TRANSFORMS.name}"
             )
@@ -34,4 +34,5 @@ class TransformSender:
     def send(self, transform: TransformStamped) -> None:
         """Publish a transform."""
         if self._publisher is not None:
-            self._monitor.publish(self._publisher, TFMessage(transforms=[transform]))
+            made = transform_message(TRANSFORMS, *decoding.transform(transform))
+            self._monitor.publish(self._publisher, made.data)

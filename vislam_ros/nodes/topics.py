@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import ParameterException
 from rclpy.qos import (
@@ -24,8 +25,9 @@ from rclpy.qos import (
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rosbags.interfaces import Qos
 
-from vislam_ros.data.bags.layout import LATCHED_QOS, STREAM_QOS
+from vislam_ros.data.bags.layout import LATCHED_QOS, STREAM_QOS, TRANSFORMS
 from vislam_ros.errors import SettingsError
+from vislam_ros.nodes.made_types.list_message import list_message_class
 
 
 def qos_profile(qos: Qos) -> QoSProfile:
@@ -75,9 +77,14 @@ def _has_depth(profile: QoSProfile) -> SetParametersResult:
 
 
 def message_class(msgtype: str) -> Any:
-    """Class of a message type such as ``sensor_msgs/msg/Imu``; None where it is not installed."""
+    """Class of a message type such as ``sensor_msgs/msg/Imu``; None where it is not installed.
+
+    The one of transforms is made where its package is missing: it sends CDR bytes alone.
+    """
     package, _, name = msgtype.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name, None)
     except ImportError:
+        if msgtype == TRANSFORMS.msgtype:
+            return list_message_class(msgtype, "transforms", TransformStamped)
         return None

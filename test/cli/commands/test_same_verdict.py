@@ -44,7 +44,8 @@ def end_of(command, data, out, *flags):
         timeout=WAIT,
         check=False,
     )
-    lines = [ln for ln in process.stderr.splitlines() if not ln.startswith("to join this run: ")]
+    elsewhere = ("to join this run: ", "wrote ", "next: ")
+    lines = [line for line in process.stderr.splitlines() if not line.startswith(elsewhere)]
     passes = [
         (
             json.loads((folder / "summary.json").read_text()),

@@ -79,6 +79,9 @@ def assert_settled(settled, drive):
     )
 
 
+AXES = {"flu": "forward-left-up", "frd": "forward-right-down"}
+
+
 def unchanged(drive):
     return drive
 
@@ -95,8 +98,15 @@ def test_every_mixture_is_found_and_mended(drive, extrinsics, twists, at_start):
     index = "end" if at_start is unchanged else "start"
     told = settle_conventions(given, Conventions(frame, index))
     assert_settled(told, drive)
-    assert settled.notes[:-1] == told.notes
-    assert "px" in settled.notes[-1]
+    assert settled.notes == told.notes
+    for finding in settled.findings:
+        errors = finding.numbers["reprojection_px"]
+        assert len(errors) == 4
+        assert errors[f"{AXES[frame]} at the {index} of their step"] == min(errors.values())
+    assert [each.name for each in settled.findings] == [
+        *["twist_index"] * (at_start is not unchanged),
+        *["imu_frame"] * ((twists is unchanged) != (extrinsics is unchanged)),
+    ]
     assert (told.notes == ()) == (extrinsics is twists is at_start is unchanged)
 
 
@@ -214,7 +224,9 @@ def test_kittis_twists_are_moved_to_the_body_that_the_extrinsics_describe(shared
     # KITTI's left camera is 1.1 m ahead of its IMU, 0.3 m to its right and 0.7 m above it.
     camera = given.camera.T_body_camera[:3, 3] - imu
     np.testing.assert_allclose(camera, [1.1, -0.3, 0.7], atol=0.1)
-    assert len(drive.notes) == 2
+    (finding,) = drive.findings
+    assert finding.name == "twist_origin"
+    assert drive.notes == (finding.note,)
 
 
 @pytest.mark.parametrize("name", ["03", "0027", "0022", "0020"])
@@ -225,3 +237,20 @@ def test_the_twist_at_the_end_of_a_step_fits_best(shared_data, name):
         drive = npz.read(path, conventions=Conventions("flu", index))
         medians[index] = np.median(reprojection_errors(drive, step_pairs(drive)))
     assert medians["end"] < medians["start"]
+
+
+@pytest.mark.parametrize("extrinsics", [unchanged, with_frd_extrinsics])
+@pytest.mark.parametrize("twists", [unchanged, with_frd_twists])
+def test_a_gyroscope_alone_tells_its_axes_too(drive, extrinsics, twists):
+    turning = drive.moved_by("gyro")
+    settled = settle_conventions(twists(extrinsics(turning)), AS_FOUND)
+    assert_settled(settled, turning)
+
+
+@pytest.mark.parametrize("name", ["03", "10_synthetic"])
+def test_mixed_axes_are_mended_without_velocities(shared_data, name):
+    whole = npz.read(shared_data / f"{name}.npz")
+    raw = npz.read(shared_data / f"{name}.npz", conventions=AS_GIVEN)
+    settled = settle_conventions(raw.moved_by("gyro"), AS_FOUND)
+    assert settled.camera == whole.camera
+    np.testing.assert_array_equal(settled.twists[:, 3:], whole.twists[:, 3:])

@@ -188,7 +188,6 @@ def with_value(array, index, value):
 
 WRONG = {
     "no stamps": ({"time_stamps": None}, "no time stamps: give it as time_stamps or timestamps"),
-    "no velocity": ({"linear_velocity": None}, "linear_velocity or v_t"),
     "no angular velocity": (
         {"angular_velocity": None},
         "angular_velocity or rotational_velocity or w_t",
@@ -202,9 +201,9 @@ WRONG = {
     "text": ({"features": np.array("none")}, "features: holds .*, not"),
     "complex": ({"b": np.array(1j)}, "b: holds"),
     "velocity shape": ({"linear_velocity": np.zeros((3, 4))}, r"\(3, 5\) or \(5, 3\)"),
-    "velocity nan": (
-        {"linear_velocity": with_value(np.zeros((3, T)), (1, 2), np.nan)},
-        r"linear_velocity\[1, 2\] is nan",
+    "velocity inf": (
+        {"linear_velocity": with_value(np.zeros((3, T)), (1, 2), np.inf)},
+        r"linear_velocity\[1, 2\] is inf",
     ),
     "stamps inf": (
         {"time_stamps": with_value(dataset()["time_stamps"], (0, 1), np.inf)},
@@ -371,3 +370,18 @@ def test_the_largest_drive_takes_a_fraction_of_the_memory_of_its_dense_array(sha
     assert observations == 185295
     dense = 8 * 4 * tracks * steps / 1024
     assert peak - before < dense / 8
+
+
+def with_a_gap():
+    velocity = dataset()["linear_velocity"].copy()
+    velocity[1, 2] = np.nan
+    return velocity
+
+
+@pytest.mark.parametrize("velocity", [None, with_a_gap()], ids=["missing", "NaN"])
+def test_without_velocities_the_gyroscope_alone_tells_the_motion(tmp_path, reference, velocity):
+    drive = load(save(tmp_path / "drive.npz", changed(linear_velocity=velocity)))
+    assert not drive.measures_velocity
+    np.testing.assert_array_equal(drive.twists, reference.moved_by("gyro").twists)
+    (note,) = drive.notes
+    assert note.endswith("the gyroscope alone tells the motion.")

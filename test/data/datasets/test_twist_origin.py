@@ -74,7 +74,8 @@ def test_twists_of_a_misplaced_imu_are_moved_to_the_body(drive: Drive) -> None:
     given = measured_at(drive, imu)
     settled = settle_conventions(given, AS_FOUND)
     np.testing.assert_allclose(settled.twists, drive.twists, atol=1e-12)
-    assert "Moved the twists to the body" in settled.notes[-1]
+    assert settled.findings[-1].name == "twist_origin"
+    assert settled.notes[-1] == settled.findings[-1].note
     told = settle_conventions(given, Conventions("flu", "end", "imu"))
     np.testing.assert_allclose(told.twists, drive.twists, atol=1e-12)
     assert settle_conventions(given, Conventions("flu", "end", "body")) is given

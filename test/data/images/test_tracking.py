@@ -13,6 +13,7 @@ from imagery.folders import (
     PERIOD,
     SHIFT,
     SIZE,
+    SPEED,
     STAMPS,
     write_asl,
     write_course,
@@ -21,11 +22,9 @@ from imagery.folders import (
 )
 from rewriting import assert_same
 
-from vislam_ros.core.geometry import se3
 from vislam_ros.data.image_sources import read_images
 from vislam_ros.data.images.pairing import pair_stamps
-from vislam_ros.data.images.stereo_images import Motion
-from vislam_ros.data.images.tracking import tracked_drive, turn_between
+from vislam_ros.data.images.tracking import tracked_drive
 from vislam_ros.data.loading import load_drive
 from vislam_ros.errors import VislamError
 
@@ -87,35 +86,33 @@ def test_images_without_motion_or_times_are_refused(tmp_path: Path) -> None:
         load_drive(folder)
 
 
+def test_a_motion_that_was_refused_as_a_whole_is_told(tmp_path: Path) -> None:
+    names = {role: name for role, name in OURS.items() if role != "twist"} | {"imu": "/imu/data"}
+    bag = write_messages(tmp_path / "bag", drive_messages(names))
+    with pytest.raises(VislamError, match=r"Skipped 8 messages of /imu/data: .*'imu_frame'"):
+        load_drive(bag)
+
+
 def test_motion_for_what_holds_no_images_is_refused(tmp_path: Path) -> None:
     data = write_dataset(tmp_path / "drive.npz")
     with pytest.raises(VislamError, match=r"drive\.npz: holds no images: leave out --motion"):
         load_drive(data, motion=data)
 
 
-def test_turns_add_up_over_whole_samples_and_parts_of_them() -> None:
-    rng = np.random.default_rng(8)
-    stamps = np.cumsum(rng.integers(4_000_000, 6_000_000, 50))
-    omega = rng.normal(size=(50, 3))
-    motion = Motion.of_imu(stamps, omega)
-    begin, end = int(stamps[9]) - 1_000_000, int(stamps[30]) + 2_000_000
-    expected = np.eye(3)
-    now = begin
-    for k in range(9, 32):
-        then = min(int(stamps[k]), end)
-        expected = expected @ se3.exp_rotation(omega[k] * (then - now) * 1e-9)
-        now = then
-    np.testing.assert_allclose(turn_between(motion, begin, end), expected, atol=1e-14)
-    middle = int(stamps[20]) + 300_000
-    both = turn_between(motion, begin, middle) @ turn_between(motion, middle, end)
-    np.testing.assert_allclose(both, expected, atol=1e-14)
-
-
-def test_there_is_no_turn_beyond_the_motion() -> None:
-    motion = Motion.of_imu(np.array([100, 200, 300]), np.ones((3, 3)))
-    assert turn_between(motion, 99, 200) is None
-    assert turn_between(motion, 200, 301) is None
-    assert turn_between(motion, 100, 300) is not None
+def test_tracks_tell_what_twists_of_a_dataset_without_features_mean(tmp_path: Path) -> None:
+    images = write_course(tmp_path / "course")
+    data = images.with_name("dataset00.npz")
+    arrays = dict(np.load(data))
+    del arrays["features"]
+    # Forward, right and down; the extrinsics are forward, left and up.
+    arrays["linear_velocity"] = -arrays["linear_velocity"]
+    np.savez(data, **arrays)
+    drive = load_drive(images)
+    assert not any("dead reckoning" in note for note in drive.notes)
+    assert any("forward-right-down" in note.split("(others")[0] for note in drive.notes)
+    # Turned to forward, left and up.
+    np.testing.assert_allclose(drive.twists[:, 1], -SPEED)
+    np.testing.assert_allclose(drive.camera.T_body_camera, CAMERA.T_body_camera, atol=1e-9)
 
 
 def test_stamps_are_paired_with_their_nearest_within_the_tolerance() -> None:

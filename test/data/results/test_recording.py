@@ -24,7 +24,14 @@ def recording(tmp_path: Path) -> Recording:
 
 def add_steps(recording: Recording, stamps: list[int]) -> None:
     for stamp in stamps:
-        pose = Pose(stamp, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), Raw(ODOMETRY, b""))
+        pose = Pose(
+            stamp,
+            np.zeros(3),
+            np.array([0.0, 0.0, 0.0, 1.0]),
+            Raw(ODOMETRY, b""),
+            "map",
+            "base_link",
+        )
         row = step_row(stamp, first_of_pass=stamp in (STAMPS[0], STAMPS[0] + 1))
         recording.add_step(pose, np.eye(6), row, Raw(STEPS, b""), latency_ms=1.0)
 

@@ -3,6 +3,7 @@
 """The recorder, told by its callbacks what the SLAM node's callbacks publish."""
 
 import dataclasses
+import functools
 import shutil
 import time
 from collections import Counter
@@ -28,14 +29,18 @@ from std_srvs.srv import Trigger
 
 from vislam_ros.core.step import estimates_of
 from vislam_ros.core.verdict.reason import Judgement, Word
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
 from vislam_ros.data.bags.layout import (
     DIAGNOSTICS,
     GYRO_BIAS,
     LANDMARKS,
     ODOMETRY,
+    PATH,
     PLAYER,
     PREDICTION,
+    STATIC_TRANSFORMS,
     STEPS,
+    TRANSFORMS,
 )
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.data.results.reader import read_results
@@ -95,6 +100,9 @@ def test_messages_are_kept_as_they_came_in_a_file_that_other_tools_open(
             PREDICTION.recorded: len(steps),
             LANDMARKS.recorded: 1,
             PLAYER.recorded: 2,
+            # Made for viewers, see test_scene.
+            TRANSFORMS.recorded: 2 * len(steps),
+            PATH.recorded: 3,
         }
         assert reader.start_time == steps[0].stamp
         for connection, _, data in reader.messages():
@@ -102,6 +110,28 @@ def test_messages_are_kept_as_they_came_in_a_file_that_other_tools_open(
             if connection.topic == ODOMETRY.recorded:
                 position = message.pose.pose.position
     assert (position.x, position.y, position.z) == tuple(steps[-1].position)
+
+
+def test_the_camera_is_recorded_once_for_viewers_and_in_every_pass(
+    recorder, drive, answers, tmp_path
+):
+    for _ in range(3):  # as those repeat it that send it with each frame
+        for topic, message in drive.calibration:
+            message.header.stamp.sec += 1
+            give(functools.partial(recorder.on_calibration, topic), topic, message)
+    give_drive(recorder, drive, answers)
+    give_drive(recorder, drive, answers)
+    recorder.destroy_node()
+    for folder in ("", "pass_002"):
+        with AnyReader([tmp_path / "run" / folder / "results.mcap"]) as reader:
+            counts = {name: info.msgcount for name, info in reader.topics.items()}
+            for topic in (*CALIBRATION_TOPICS, STATIC_TRANSFORMS):
+                assert counts[topic.recorded] == 1
+            (static,) = (c for c in reader.connections if c.topic == STATIC_TRANSFORMS.recorded)
+            ((_, stamp, data),) = reader.messages([static])
+            (transform,) = reader.deserialize(data, static.msgtype).transforms
+        assert stamp == drive.stamps[0]
+        assert transform.child_frame_id == "camera_left_optical"
 
 
 def test_a_shortfall_is_named(recorder, drive, answers, tmp_path, no_patience):
@@ -147,7 +177,10 @@ def test_a_recorder_that_is_stopped_leaves_incomplete_but_readable_results(
     assert told["complete"] is False
     assert "playing" in told["incomplete_reason"]
     with AnyReader([tmp_path / "run" / "results.mcap"]) as reader:
-        assert reader.message_count == 4 * len(drive.stamps) + 1
+        made = (PATH.recorded, TRANSFORMS.recorded)
+        counts = {name: info.msgcount for name, info in reader.topics.items()}
+        others = sum(count for name, count in counts.items() if name not in made)
+        assert others == 4 * len(drive.stamps) + 1
 
 
 def test_nothing_of_the_last_flush_is_lost_to_a_kill(recorder, drive, answers, tmp_path):

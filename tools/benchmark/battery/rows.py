@@ -3,7 +3,8 @@
 """The rows of the battery: which drive, how much of it, and what is done to it.
 
 A chosen crossing, not a full one: recorded drives by the share of their tracks, their quarters,
-cleaner twists and sliding tracks; simulated drives, walks and flights by features and rate.
+cleaner twists and sliding tracks; simulated drives, walks and flights by features and rate; tracks
+that the front end makes of images; and of each some with a gyroscope alone.
 """
 
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from typing import Literal
 
 Twist = Literal["own", "clean", "clean, biased"]
 Scene = Literal["drive", "walk", "flight"]
+Imagery = Literal["street", "room", "kitti_0020"]
 
 #: Recorded drives with a reference, by the name of their file, and of the reference's.
 REFERENCES = {
@@ -21,6 +23,10 @@ REFERENCES = {
     "0027": "0027",
     "10_synthetic": "10_synthetic",
 }
+#: Recorded images, with the motion and the reference of a recorded drive.
+RECORDED_IMAGES: Imagery = "kitti_0020"
+
+_ALONE = {False: (), True: ("gyroscope alone",)}
 _DENSE = ("0022", "0027", "10_synthetic")
 _QUARTERS = (1, 2, 3, 4)
 
@@ -41,6 +47,8 @@ class Recorded:
         Its own, or one as clean as that of 0020, made from the reference.
     sliding : int
         Per cent of the tracks that slide over the scene.
+    gyro : bool
+        Whether a gyroscope alone measures the motion.
     """
 
     drive: str
@@ -48,6 +56,7 @@ class Recorded:
     quarter: int = 0
     twist: Twist = "own"
     sliding: int = 0
+    gyro: bool = False
 
     @property
     def name(self) -> str:
@@ -59,11 +68,13 @@ class Recorded:
             parts.append(f"twist {self.twist}")
         if self.sliding:
             parts.append(f"{self.sliding} % slide")
-        return ", ".join(parts)
+        return ", ".join([*parts, *_ALONE[self.gyro]])
 
     @property
     def group(self) -> str:
         """The kind of row that it is."""
+        if self.gyro:
+            return "gyroscope alone"
         if self.sliding:
             return "sliding tracks"
         if self.twist != "own":
@@ -86,6 +97,8 @@ class Simulated:
         Whether the twist is as noisy as on the course's files.
     sliding : int
         Per cent of the tracks that slide over the scene.
+    gyro : bool
+        Whether a gyroscope alone measures the motion.
     """
 
     scene: Scene
@@ -93,6 +106,7 @@ class Simulated:
     rate: int = 10
     noisy: bool = False
     sliding: int = 3
+    gyro: bool = False
 
     @property
     def name(self) -> str:
@@ -102,15 +116,44 @@ class Simulated:
             parts.append("noisy twist")
         if self.sliding != Simulated.sliding:
             parts.append(f"{self.sliding} % slide")
-        return ", ".join(parts)
+        return ", ".join([*parts, *_ALONE[self.gyro]])
 
     @property
     def group(self) -> str:
         """The kind of row that it is."""
-        return f"simulated {self.scene}s"
+        return f"simulated {self.scene}s{', gyroscope alone' if self.gyro else ''}"
 
 
-BatteryRow = Recorded | Simulated
+@dataclass(frozen=True)
+class Imaged:
+    """Tracks that the front end makes of images.
+
+    Attributes
+    ----------
+    scene : str
+    hard : bool
+        Whether simulated images are blurred and badly exposed, and much in them moves.
+    gyro : bool
+        Whether a gyroscope alone measures the motion.
+    """
+
+    scene: Imagery
+    hard: bool = False
+    gyro: bool = False
+
+    @property
+    def name(self) -> str:
+        """What a table calls it."""
+        parts = [f"images, {self.scene}", *(["hard"] if self.hard else [])]
+        return ", ".join([*parts, *_ALONE[self.gyro]])
+
+    @property
+    def group(self) -> str:
+        """The kind of row that it is."""
+        return "images"
+
+
+BatteryRow = Recorded | Simulated | Imaged
 
 
 def all_rows() -> list[BatteryRow]:
@@ -128,6 +171,13 @@ def all_rows() -> list[BatteryRow]:
     in_rooms: tuple[Scene, ...] = ("walk", "flight")
     rows += [Simulated(s, n, hz) for s in in_rooms for n in (6, 20, 80) for hz in (10, 20, 30)]
     rows += [Simulated(s, n, 20, sliding=25) for s in in_rooms for n in (6, 20)]
+    rows += [Recorded(d, p, gyro=True) for d in _DENSE for p in (10, 33, 100)]
+    rows += [Simulated(s, n, 20, gyro=True) for s in in_rooms for n in (6, 20, 80)]
+    rows += [Imaged(RECORDED_IMAGES, gyro=gyro) for gyro in (False, True)]
+    scenes: tuple[Imagery, ...] = ("street", "room")
+    rows += [
+        Imaged(s, hard, gyro) for s in scenes for hard in (False, True) for gyro in (False, True)
+    ]
     return rows
 
 
@@ -145,8 +195,20 @@ def available(rows: Sequence[BatteryRow], data: Path) -> tuple[list[BatteryRow],
     """Split rows into those that can be solved and the names of the drives that others lack."""
     names = {row.drive for row in rows if isinstance(row, Recorded)}
     missing = {name for name in names if not all(map(Path.is_file, files_of(data, name)))}
-    solvable = [row for row in rows if not isinstance(row, Recorded) or row.drive not in missing]
+    if not images_beside(data).is_dir():
+        missing.add(RECORDED_IMAGES)
+    solvable = [
+        row
+        for row in rows
+        if getattr(row, "drive", None) not in missing
+        and getattr(row, "scene", None) not in missing
+    ]
     return solvable, sorted(missing)
+
+
+def images_beside(data: Path) -> Path:
+    """Where the recorded images lie: beside the folder of datasets."""
+    return data.parent / "images" / RECORDED_IMAGES
 
 
 def files_of(data: Path, drive: str) -> tuple[Path, Path]:

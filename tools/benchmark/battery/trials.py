@@ -15,8 +15,16 @@ import numpy as np
 import threadpoolctl
 
 from benchmark.battery.changes import quarter_of, with_clean_twist, with_sliding_tracks
+from benchmark.battery.imaged import recorded_images, simulated_images
 from benchmark.battery.rooms import FLIGHT, WALK, simulate_in_room
-from benchmark.battery.rows import BatteryRow, Recorded, Simulated, files_of
+from benchmark.battery.rows import (
+    RECORDED_IMAGES,
+    BatteryRow,
+    Imaged,
+    Recorded,
+    Simulated,
+    files_of,
+)
 from vislam_ros.core.filters import quantities
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
@@ -67,6 +75,8 @@ def _draws(row: BatteryRow) -> bool:
     """Whether a row has anything that is drawn."""
     if isinstance(row, Simulated):
         return True
+    if isinstance(row, Imaged):
+        return row.scene != RECORDED_IMAGES
     return row.percent < 100 or row.twist != "own" or row.sliding > 0
 
 
@@ -93,7 +103,10 @@ def _figures(settings: TrialSettings, trial: Trial) -> dict[str, Any]:
     drive, reference = drive_of(settings.data, trial)
     fraction = trial.row.percent / 100 if isinstance(trial.row, Recorded) else 1.0
     slam = dataclasses.replace(settings.slam, feature_fraction=fraction, seed=trial.seed)
-    solution = solve(drive, slam, settings.prediction, smooth=settings.smooth)
+    source = "gyro" if trial.row.gyro else None
+    solution = solve(
+        drive, slam, settings.prediction, motion_source=source, smooth=settings.smooth
+    )
     estimates = {"estimate": solution.trajectory, "dead_reckoning": solution.dead_reckoning}
     if solution.smoothed is not None:
         estimates["smoothed"] = solution.smoothed
@@ -121,6 +134,12 @@ def drive_of(data: Path, trial: Trial) -> tuple[Drive, Trajectory]:
     row, rng = trial.row, np.random.default_rng([trial.seed, 1])
     if isinstance(row, Simulated):
         drive = _simulated(row, trial.seed)
+        assert drive.ground_truth is not None
+        return drive, drive.ground_truth
+    if isinstance(row, Imaged):
+        if row.scene == RECORDED_IMAGES:
+            return recorded_images(data)
+        drive = simulated_images(row.scene, trial.seed, hard=row.hard)
         assert drive.ground_truth is not None
         return drive, drive.ground_truth
     drive, reference = _recorded(data, row.drive)

@@ -26,7 +26,7 @@ from vislam_ros.data.results.writer import ResultWriter
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 from vislam_ros.data.solving import solve
-from vislam_ros.data.trajectory import read_tum
+from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.errors import VislamError
 
 Mending = Callable[[bytes], bytes]
@@ -156,8 +156,10 @@ def _tum(_folder: Path) -> Target:
     seeds = (
         b"1.5 0 0 0 0 0 0 1\n2.500000001 1e-3 -2 3.5 0.1 0 0 0.9\n",
         b"# t x y z\n\n1700000000.1 1 2 3 0 0 0 1\r\n",
+        b"#timestamp [ns],x\n1403636580838555648,1,2,3,1,0,0,0,9\n1.5e18, 1,2,3, .5,0,0,1e-3\n",
+        b"1700000000000000000 1 2 3 0 0 0 1\n1700000000000000001.0 1 2 3 0 0 0 1\n",
     )
-    return Target("tum", "ref.tum", lambda place: read_tum(place / "ref.tum"), seeds)
+    return Target("tum", "ref.tum", lambda place: read_trajectory(place / "ref.tum"), seeds)
 
 
 def _results(folder: Path) -> Path:

@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from vislam_ros.cli.domain import local_graph, own_domain
-from vislam_ros.cli.ending import PassResults, print_passes, require_complete
+from vislam_ros.cli.ending import PassResults, print_passes, require_complete, tell_written
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.lines import tell
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
@@ -28,18 +28,29 @@ from vislam_ros.cli.processes import Child, Children
 from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.bag_messages import is_bag
+from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
 from vislam_ros.data.bags.integrity import require_intact
-from vislam_ros.data.bags.reader import ReadingRules, check_readable
+from vislam_ros.data.bags.layout import LEFT_COMPRESSED, RECTIFIED_CALIBRATION
+from vislam_ros.data.bags.reader import check_readable
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.json_file import write_json
 from vislam_ros.data.files.parameter_file import write_parameters
+from vislam_ros.data.image_sources import read_images
 from vislam_ros.data.images.bags.reader import matches as has_bag_images
+from vislam_ros.data.results.completeness import TRACKER
 from vislam_ros.data.results.recording import STOPPED, map_patience
 from vislam_ros.data.results.summary import has_ended, read_summary
 from vislam_ros.data.results.writer import pass_directories, refuse_used
 from vislam_ros.errors import OutputError, VislamError
 
 NODES = ("imu_prediction_node", "slam_node", "recorder_node")
+
+# slam_node takes the cameras of the features, and not those of the images.
+_OF_RECTIFIED = tuple(
+    word
+    for raw, rectified in zip(CALIBRATION_TOPICS, RECTIFIED_CALIBRATION, strict=True)
+    for word in ("-r", f"{raw.name}:={rectified.name}")
+)
 
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = "the run was interrupted"
@@ -62,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_used(results, force=arguments.force)
     error: BaseException | None = None
     with _interruptible(), tempfile.TemporaryDirectory(prefix="vislam_run_") as scratch:
-        bag = _bag(arguments, parameters.reading, Path(scratch))
+        bag = _bag(arguments, parameters, Path(scratch))
         _claim(results)
         try:
             _run_graph(bag, results, parameters, arguments.rate, Path(scratch))
@@ -78,6 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     require_complete(passes)
     for directory, _ in passes:
         _draw(directory)
+    tell_written(passes, arguments.data)
     return OK
 
 
@@ -115,13 +127,22 @@ def _ignore_interrupts() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def _bag(arguments: argparse.Namespace, rules: ReadingRules, scratch: Path) -> PlayedBag:
+def _bag(arguments: argparse.Namespace, parameters: RunParameters, scratch: Path) -> PlayedBag:
     """Return the bag to play: the one given, if the nodes can use it, or one made of the data."""
+    rules = parameters.reading
     renamed, namespace = renamed_topics(arguments), arguments.namespace
-    images: dict[str, Any] = {"motion": arguments.motion}
+    images: dict[str, Any] = {
+        "motion": arguments.motion,
+        "tracks": arguments.tracks,
+        "tracker": parameters.tracker,
+    }
     if is_bag(arguments.data):
         require_intact(arguments.data)
     if is_bag(arguments.data) and has_bag_images(arguments.data, renamed):
+        if arguments.motion is None and not arguments.tracks and not namespace:
+            opened = read_images(arguments.data, rules=rules, topics=renamed)
+            if opened.is_of_graph:
+                return PlayedBag.of(Path(arguments.data).resolve(), namespace, {})
         images |= {"topics": renamed, "namespace": namespace}
         renamed = {}
     elif is_bag(arguments.data):
@@ -147,8 +168,18 @@ def _run_graph(
 ) -> None:
     """Start the graph, wait until the recorder is done, and end it whatever happens."""
     recorder = {**parameters.given["recorder_node"], "directory": str(results), "force": True}
+    tracker = {
+        **parameters.given[TRACKER],
+        # As offline: every pair has its samples, and none is lost.
+        "gyroscope": "required",
+        "queue_size": 0,
+        "compressed": bag.images is LEFT_COMPRESSED,
+    }
     params_file = scratch / "params.yaml"
-    given = {**parameters.given, "recorder_node": recorder}
+    given = {**parameters.given, "recorder_node": recorder, TRACKER: tracker}
+    if bag.has_gyroscope_alone and parameters.prediction.motion_source == "auto":
+        # Told, the node need not wait for twists, which a short drive does not leave time for.
+        given["imu_prediction_node"] = {**given["imu_prediction_node"], "motion_source": "gyro"}
     write_parameters(
         params_file,
         {f"{bag.namespace}/{node}": values for node, values in given.items() if values},
@@ -164,9 +195,13 @@ def _run_graph(
                     children.start(
                         name,
                         f"vislam_ros.nodes.{name}",
-                        ["--ros-args", "--params-file", str(params_file), *bag.node_arguments],
+                        [
+                            *("--ros-args", "--params-file", str(params_file)),
+                            *bag.node_arguments,
+                            *(_OF_RECTIFIED if bag.images and name == "slam_node" else ()),
+                        ],
                     )
-                    for name in NODES
+                    for name in ((TRACKER, *NODES) if bag.images else NODES)
                 ]
                 recorder_node = nodes[-1]
                 player = children.start(
@@ -314,6 +349,6 @@ def _draw(directory: Path) -> None:
     from vislam_ros.data.results.reader import read_results
 
     try:
-        plot_results(read_results(directory), force=True)
+        plot_results(read_results(directory), force=True, of_run=True)
     except VislamError as error:
         tell(f"warning: no picture: {error}")

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from vislam_ros.cli.exit_codes import OK
-from vislam_ros.cli.lines import answer
+from vislam_ros.cli.lines import answer, tell_next
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.core.settings import settings_from_dict
 from vislam_ros.data.simulation.file import write_simulated
@@ -43,6 +43,7 @@ def _write_tracks(
         f"{arguments.output}: {drive.steps} steps, {drive.tracks} tracks, "
         f"{int(simulated.frozen.sum())} frozen steps; truth in {truth}"
     )
+    tell_next("run", str(arguments.output), "--out", f"results/{arguments.output.stem}")
     return OK
 
 
@@ -61,6 +62,7 @@ def _write_images(
         f"{arguments.output}: {len(simulated)} stereo frames of a {simulated.settings.scene}; "
         f"truth in {arguments.output / TRUTH}"
     )
+    tell_next("run", str(arguments.output), "--out", f"results/{arguments.output.stem}")
     return OK
 
 

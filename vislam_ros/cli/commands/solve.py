@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import time
 
-from vislam_ros.cli.ending import PassResults, print_passes, require_complete
+from vislam_ros.cli.ending import PassResults, print_passes, require_complete, tell_written
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
 from vislam_ros.cli.reading import read_input
@@ -32,7 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_used(arguments.out, force=arguments.force)
     results: list[PassResults] = []
     refused = RefusalCounts()
-    for number, drive in enumerate(read_input(arguments, parameters.reading), start=1):
+    for number, drive in enumerate(
+        read_input(arguments, parameters.reading, parameters.tracker), start=1
+    ):
         directory = pass_directory(arguments.out, number)
         with ResultWriter(directory, force=arguments.force, started=started) as writer:
             writer.summary.drive = drive.name
@@ -43,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         results.append((directory, writer.summary.as_dict()))
     print_passes(results)
     require_complete(results)
+    tell_written(results, arguments.data)
     return OK
 
 

@@ -115,7 +115,7 @@ def _inputs(
     if described.simulate is not None:
         return SweepInputs(given_map=given_map, smooth=arguments.smooth)
     reference = read_trajectory(described.reference) if described.reference else None
-    drive, *others = read_input(arguments, parameters.reading)
+    drive, *others = read_input(arguments, parameters.reading, parameters.tracker)
     if others:
         tell(f"note: only the first of {len(others) + 1} passes is solved")
     return SweepInputs(drive, reference or drive.ground_truth, given_map, arguments.smooth)

@@ -6,11 +6,13 @@ import argparse
 from pathlib import Path
 
 from vislam_ros.cli.exit_codes import FAILED, OK
-from vislam_ros.cli.lines import answer, tell
+from vislam_ros.cli.lines import answer, tell, tell_next
 from vislam_ros.cli.parameters import run_parameters
 from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import verify_bag
 from vislam_ros.data.bags.reader import read_passes
+from vislam_ros.data.image_sources import read_images
+from vislam_ros.data.images.bags.reader import matches as has_images
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.errors import VislamError
 
@@ -18,7 +20,8 @@ from vislam_ros.errors import VislamError
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     path: Path = arguments.path
-    if path.is_dir() and not is_bag(path) and (path / "summary.json").exists():
+    is_result = path.is_dir() and not is_bag(path) and (path / "summary.json").exists()
+    if is_result:
         faults, notes = _result_faults(path), []
     else:
         report = verify_bag(path)
@@ -30,6 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
     if faults:
         return FAILED
     answer(f"{path}: whole")
+    if is_result:
+        tell_next("evaluate", str(path), "--reference", "REF.tum")
+    else:
+        tell_next("solve", str(path), "--out", f"results/{path.stem}")
     return OK
 
 
@@ -37,7 +44,11 @@ def _reading_faults(arguments: argparse.Namespace) -> list[str]:
     """Why ``solve`` cannot read a bag that is not damaged, a line or none."""
     path: Path = arguments.path
     try:
-        read_passes(path, rules=run_parameters(arguments).reading)
+        rules = run_parameters(arguments).reading
+        if has_images(path):
+            read_images(path, rules=rules).known_motion()
+        else:
+            read_passes(path, rules=rules)
     except VislamError as error:
         return [
             f"is not damaged, but solve cannot read it: {str(error).removeprefix(f'{path}: ')}"

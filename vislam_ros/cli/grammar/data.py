@@ -1,11 +1,12 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The commands that make data: simulate, track, convert."""
+"""The commands that make data and look at them: simulate, inspect, track, convert."""
 
 from pathlib import Path
 
 from vislam_ros.cli.grammar.argument_types import number_from, whole_from
 from vislam_ros.cli.grammar.shared import (
+    NO_OVERRIDES,
     SCENES,
     Commands,
     add_command,
@@ -14,6 +15,7 @@ from vislam_ros.cli.grammar.shared import (
     add_namespace,
     add_reading,
     add_remap,
+    add_tracks,
 )
 
 
@@ -108,6 +110,36 @@ def add_simulate(commands: Commands) -> None:
     parser.set_defaults(flags=flags)
 
 
+def add_inspect(commands: Commands) -> None:
+    """Add the command that tells what data are."""
+    parser = add_command(
+        commands,
+        "inspect",
+        "tell what a dataset, a bag or images are, and what is wrong with them",
+        """\
+  vislam inspect drive.npz
+  vislam inspect drive_bag --json > drive.json
+  vislam inspect V1_01_easy
+  vislam inspect sequences/06 --motion 0020.npz
+
+Each finding is a line on what was found and one on what to do (docs/inspect.md). 0 is returned
+where the data can be used, whatever is found.
+""",
+    )
+    parser.add_argument(
+        "data", metavar="DATA", type=Path, help="dataset, bag, or images as `vislam track` takes"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON in place of the tables")
+    add_motion(parser)
+    add_reading(parser)
+    add_namespace(parser, "namespace of one robot among others in a bag, such as /robot1")
+    add_remap(parser)
+    parser.add_argument(
+        "--params", type=Path, metavar="FILE", help="what solve is to read a bag with"
+    )
+    parser.set_defaults(**NO_OVERRIDES)
+
+
 def add_track(commands: Commands) -> None:
     """Add the command that makes tracks of images."""
     parser = add_command(
@@ -141,10 +173,12 @@ def add_convert(commands: Commands) -> None:
     parser = add_command(
         commands,
         "convert",
-        "write a dataset as an MCAP bag",
+        "write a dataset or images as an MCAP bag",
         """\
   vislam convert drive.npz drive_bag
   vislam convert 03.npz 03_bag --imu-frame flu --reference 03.tum --force
+  vislam convert V1_01_easy v1_bag                images, for the live graph with its tracker
+  vislam convert V1_01_easy v1_tracks --tracks    tracks of them, which is smaller
 """,
     )
     parser.add_argument(
@@ -155,6 +189,7 @@ def add_convert(commands: Commands) -> None:
     )
     parser.add_argument("output", metavar="OUT", type=Path, help="bag directory to make")
     add_motion(parser)
+    add_tracks(parser, "write the tracks of images, and not the images themselves")
     add_reading(parser)
     parser.add_argument(
         "--reference", type=Path, metavar="REF.tum", help="becomes ground_truth/odometry"

@@ -21,6 +21,7 @@ from vislam_ros.cli.grammar.shared import (
     add_reading,
     add_remap,
     add_smooth,
+    add_tracks,
 )
 from vislam_ros.core.filters.registry import estimator_names
 from vislam_ros.core.settings import MOTION_SOURCES
@@ -31,12 +32,13 @@ def add_run(commands: Commands) -> None:
     parser = add_command(
         commands,
         "run",
-        "run the whole live graph over a drive: three nodes and the player",
+        "run the whole live graph over a drive: its nodes and the player",
         """\
   vislam run drive.npz --out results              in real time, as on a car
   vislam run drive.npz --out results --rate 0     as fast as the graph takes it
   vislam run drive_bag --out results --params config/ekf.yaml --force
   vislam run fleet_bag --out results --namespace /robot1
+  vislam run V1_01_easy --out results             images, through stereo_tracker_node
   vislam run drive.npz --out results --estimator localization --map before/landmarks.npz
 
 It says how to join its graph. Without ROS_DOMAIN_ID it takes a domain that nobody uses, and
@@ -45,6 +47,7 @@ still for a second ends it.
 """,
     )
     _add_estimation(parser)
+    add_tracks(parser, "track images first and play their tracks, which takes less room on disk")
     add_rate(parser)
 
 

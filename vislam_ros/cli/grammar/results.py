@@ -10,6 +10,7 @@ from vislam_ros.cli.grammar.shared import (
     FILE_FORMATS,
     LAYINGS,
     MAX_DIFFERENCE,
+    NO_OVERRIDES,
     PICTURE_FORMATS,
     Commands,
     add_command,
@@ -197,9 +198,7 @@ data from the second start on, unless told `rerun analytics disable`.
         "--save", type=Path, metavar="FILE.rrd", help="write this; no screen needed"
     )
     add_force(parser)
-    parser.set_defaults(
-        params=None, estimator=None, fraction=None, seed=None, map=None, motion_source=None
-    )
+    parser.set_defaults(params=None, **NO_OVERRIDES)
 
 
 def add_verify(commands: Commands) -> None:
@@ -217,4 +216,4 @@ def add_verify(commands: Commands) -> None:
     parser.add_argument(
         "--params", type=Path, metavar="FILE", help="what solve is to read the bag with"
     )
-    parser.set_defaults(estimator=None, fraction=None, seed=None, map=None, motion_source=None)
+    parser.set_defaults(**NO_OVERRIDES)

@@ -24,6 +24,15 @@ LAYINGS = (*ALIGNMENTS, "first")
 FILE_FORMATS = ("tum", "euroc", "kitti")
 PICTURE_FORMATS = ("png", "svg")
 
+#: Flags that are put over a parameter file, for a command that has none of them.
+NO_OVERRIDES = {
+    "estimator": None,
+    "fraction": None,
+    "seed": None,
+    "map": None,
+    "motion_source": None,
+}
+
 RETURNS = """\
 exit code: 0 on success, 1 on an error (one line on stderr; -v shows where it came from), 2 on
 wrong usage, 130 after Ctrl-C, 141 where whoever reads the output has left"""
@@ -102,6 +111,11 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
         help="for images: dataset or bag with the motion, the times and the extrinsics, in place "
         "of those that the images have",
     )
+
+
+def add_tracks(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add whether images are tracked before they go on."""
+    parser.add_argument("--tracks", action="store_true", help=text)
 
 
 def add_remap(parser: argparse.ArgumentParser) -> None:

@@ -68,6 +68,11 @@ class Outcome:
         """Whether more was used than rejected; where not, it is the estimate that is wrong."""
         return len(self.rejected) < self.used
 
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether observations were rejected, and no fewer than were used."""
+        return bool(len(self.rejected)) and not self.agrees_with_most
+
 
 class Estimator(Protocol):
     """A filter: it takes motions and frames, and can be asked for its estimate."""

@@ -26,7 +26,8 @@ taken sample by sample, and where samples are missing, 3 is left out:
 5. The frame's image points correct everything, but for those that gates reject, of a frame or of
    all of a track's together; the landmarks of these are marginalized before. What is far off for
    its track counts for less.
-6. The noise of the motion is learned from what vision has seen of it.
+6. The noise of the motion is learned from what vision has seen of it. Where most of a frame was
+   rejected, it is the motion that is wrong: what is known of the twist goes, as at the start.
 7. Landmarks seen for the first time are initialized.
 8. Bias and none are weighed against each other; what is told is their mean (see bias_belief).
 
@@ -59,6 +60,7 @@ from vislam_ros.core.filters.robocentric_model import (
     SIZE,
     TWIST,
     TWIST_ROWS,
+    UNKNOWN_TWIST,
     learn_motion,
     motion_priors,
     prior_covariance,
@@ -200,6 +202,8 @@ class RobocentricFilter:
             P = self._state.vehicle_covariance
             error = twist_error(measured, self.twist, self.gyro_bias)
             learn_motion(self._motion_noise, before, self.twist, P, error, tau)
+        if outcome.is_contradicted:
+            self._apply(RandomWalk(UNKNOWN_TWIST))
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)

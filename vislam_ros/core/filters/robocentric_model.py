@@ -55,6 +55,10 @@ TWIST_ROWS: Array = np.zeros((6, SIZE))
 TWIST_ROWS[:, TWIST] = np.eye(6)
 TWIST_ROWS[3:, GYRO_BIAS] = np.eye(3)
 
+#: Covariance (16, 16) that the vehicle state gets where the twist is no longer believed.
+UNKNOWN_TWIST: Array = np.zeros((SIZE, SIZE))
+UNKNOWN_TWIST[TWIST, TWIST] = np.diag(FIRST_TWIST_STD**2)
+
 
 def prior_covariance(settings: RobocentricSettings) -> Array:
     """Covariance (16, 16) of the vehicle state before the first frame."""

@@ -27,6 +27,9 @@ class Stream(enum.Enum):
     FEATURES = "features"
     CAMERA_INFO = "camera_info"
     EXTRINSICS = "extrinsics"
+    LEFT_IMAGE = "left_image"
+    RIGHT_IMAGE = "right_image"
+    IMAGES = "images"
 
 
 class Refusal(enum.Enum):
@@ -57,7 +60,7 @@ class Refusal(enum.Enum):
     UNPAIRED = ("unpaired", "the other stream has none with the same stamp")
     NO_PREDICTION = ("no_prediction", "no predicted motion reaches its stamp")
     NO_CAMERA = ("no_camera", "the camera's calibration did not come", False)
-    QUEUE_FULL = ("queue_full", "too many wait for their prediction", False)
+    QUEUE_FULL = ("queue_full", "too many wait for what they need", False)
     NOT_PUBLISHED = ("not_published", "a subscriber did not take it", False)
     INTERNAL_ERROR = ("internal_error", "a node failed to use it: see its log", False)
 

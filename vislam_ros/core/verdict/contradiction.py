@@ -134,6 +134,7 @@ def contradictions(pairs: Sequence[StepPair], camera: StereoCamera) -> Iterator[
             Word.CONTRADICTION,
             f"images and twists contradict each other by {fit.mismatch:.1f} px in a step that "
             f"moves the image by {flow:.1f} px: {words}",
+            tuple(words for words, _ in readings),
         )
         return
     reasons = [] if abs(late) < _STEPS_OFF else [_time_reason(late)]

@@ -24,10 +24,13 @@ class Reason(NamedTuple):
         How bad it is.
     text : str
         In plain words, one line, with the figure and what to do.
+    readings : tuple of str
+        Other readings of extrinsics and twists that would fit, the likeliest first.
     """
 
     word: Word
     text: str
+    readings: tuple[str, ...] = ()
 
 
 class Judgement(NamedTuple):

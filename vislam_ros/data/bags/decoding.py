@@ -141,6 +141,13 @@ def pose(message: Any) -> tuple[int, Array, Array]:
     return stamp_of(message.header), *_values_of(position, quaternion)
 
 
+def transform(message: Any) -> tuple[int, Array, Array, str, str]:
+    """Stamp (ns), position, quaternion, parent and child of a transform, as they stand there."""
+    position, quaternion = _values_of(message.transform.translation, message.transform.rotation)
+    frames = message.header.frame_id, message.child_frame_id
+    return (stamp_of(message.header), position, quaternion, *frames)
+
+
 def extrinsics(message: Any, frames: Frames) -> tuple[Array, Array]:
     """Left camera in the body: position (3,) and quaternion (4,) of a TransformStamped."""
     _check_frame("header.frame_id", message.header.frame_id, "base_frame", frames.base)

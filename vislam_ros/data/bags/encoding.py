@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a drive to its messages, in the order in which a bag holds them."""
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ from vislam_ros.data.drive import Drive
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
 from vislam_ros.errors import VislamError
 
+Stream: TypeAlias = tuple[Topic, NDArray[np.int64], Callable[[int], Any]]
+"""A topic, its increasing stamps (n,), and what makes its k-th message."""
+
 _LATEST = 2**31 * NANOSECONDS
 _UNKNOWN = np.zeros(9)
 _ABSENT = np.array([-1.0, *[0.0] * 8])
@@ -51,27 +54,40 @@ def encode_drive(
     VislamError
         Where the drive is empty or a stamp does not fit into a message.
     """
-    messages = _Messages(drive, frames, store)
-    streams: list[tuple[Topic, NDArray[np.int64], Callable[[int], Any]]] = [
-        (IMU, drive.twist_stamps, messages.imu)
-    ]
-    if drive.measures_velocity:
-        streams.append((TWIST, drive.twist_stamps, messages.twist))
-    if drive.ground_truth is not None:
-        truth = drive.ground_truth
-        streams.append((GROUND_TRUTH, truth.stamps, lambda k: messages.odometry(truth, k)))
+    messages = DriveMessages(drive, frames, store)
+    streams = messages.streams()
     streams.append((FEATURES, drive.feature_stamps, messages.features))
+    yield from in_order(drive.name, messages.latched, streams, store)
 
+
+def in_order(
+    name: str,
+    latched: Callable[[int], Sequence[tuple[Topic, Any]]],
+    streams: Sequence[Stream],
+    store: Typestore,
+) -> Iterator[tuple[Topic, int, memoryview]]:
+    """Yield latched messages and then those of streams, see :func:`encode_drive`.
+
+    Parameters
+    ----------
+    name : str
+        What to call the drive in an error.
+    latched : callable
+        Makes latched messages of a stamp (ns).
+    streams : sequence of (Topic, ndarray, callable)
+        Topic, increasing stamps (n,), and what makes the k-th message; asked in their order.
+    store : Typestore
+    """
     stamps = np.concatenate([stamps for _, stamps, _ in streams])
     if not len(stamps):
-        raise VislamError(f"{drive.name}: holds no measurement: there is nothing to write")
+        raise VislamError(f"{name}: holds no measurement: there is nothing to write")
     first = int(stamps.min())
     if first < 0 or stamps.max() >= _LATEST:
         raise VislamError(
-            f"{drive.name}: stamps from {first} to {stamps.max()} ns: messages hold those from "
+            f"{name}: stamps from {first} to {stamps.max()} ns: messages hold those from "
             "1970 to 2038"
         )
-    for topic, message in messages.latched(first):
+    for topic, message in latched(first):
         yield topic, first, store.serialize_cdr(message, topic.msgtype)
     which = np.repeat(np.arange(len(streams)), [len(stamps) for _, stamps, _ in streams])
     index = np.concatenate([np.arange(len(stamps)) for _, stamps, _ in streams])
@@ -81,7 +97,7 @@ def encode_drive(
         yield topic, int(stamps[place]), data
 
 
-class _Messages:
+class DriveMessages:
     """Builds the messages of a drive."""
 
     def __init__(self, drive: Drive, frames: Frames, store: Typestore):
@@ -98,25 +114,44 @@ class _Messages:
         ]
         self._point_step = (FEATURE_DTYPE if drive.noise is None else NOISY_FEATURE_DTYPE).itemsize
 
+    def streams(self) -> list[Stream]:
+        """What a drive holds beside its features."""
+        drive = self._drive
+        streams: list[Stream] = [(IMU, drive.twist_stamps, self.imu)]
+        if drive.measures_velocity:
+            streams.append((TWIST, drive.twist_stamps, self.twist))
+        if drive.ground_truth is not None:
+            truth = drive.ground_truth
+            streams.append((GROUND_TRUTH, truth.stamps, lambda k: self.odometry(truth, k)))
+        return streams
+
     def latched(self, stamp: int) -> list[tuple[Topic, Any]]:
         """Calibration, once as users of cameras and once as users of TF expect it."""
         camera = self._drive.camera
+        return [
+            (LEFT_CAMERA, self._rectified_info(stamp, 0.0)),
+            (RIGHT_CAMERA, self._rectified_info(stamp, -camera.fx_baseline)),
+            *self.extrinsics(stamp, camera.position_body_camera, camera.quaternion_body_camera),
+        ]
+
+    def extrinsics(
+        self, stamp: int, position: Iterable[float], quaternion: Iterable[float]
+    ) -> list[tuple[Topic, Any]]:
+        """Left camera in the body, position (3,) and quaternion (4,), on both of its topics."""
         extrinsics = self._new["TransformStamped"](
             header=self._header(stamp, self._frames.base),
             child_frame_id=self._frames.camera,
             transform=self._new["Transform"](
-                translation=self._vector(camera.position_body_camera),
-                rotation=self._quaternion(camera.quaternion_body_camera),
+                translation=self._vector(position), rotation=self._quaternion(quaternion)
             ),
         )
         return [
-            (LEFT_CAMERA, self._camera_info(stamp, 0.0)),
-            (RIGHT_CAMERA, self._camera_info(stamp, -camera.fx_baseline)),
             (EXTRINSICS, extrinsics),
             (STATIC_TRANSFORMS, self._new["TFMessage"](transforms=[extrinsics])),
         ]
 
     def imu(self, k: int) -> Any:
+        """Angular velocity of a twist."""
         return self._new["Imu"](
             header=self._header(self._drive.twist_stamps[k], self._frames.base),
             orientation=self._quaternion((0.0, 0.0, 0.0, 1.0)),
@@ -128,12 +163,14 @@ class _Messages:
         )
 
     def twist(self, k: int) -> Any:
+        """Twist with velocity and angular velocity."""
         return self._new["TwistWithCovarianceStamped"](
             header=self._header(self._drive.twist_stamps[k], self._frames.base),
             twist=self._twist(self._drive.twists[k, :3], self._drive.twists[k, 3:]),
         )
 
     def features(self, k: int) -> Any:
+        """Features of a frame."""
         ids, pixels = self._drive.frame(k)
         noise = self._drive.noise
         if noise is not None:
@@ -151,6 +188,7 @@ class _Messages:
         )
 
     def odometry(self, trajectory: Trajectory, k: int) -> Any:
+        """Pose of a trajectory."""
         x, y, z = (float(value) for value in trajectory.positions[k])
         return self._new["Odometry"](
             header=self._header(trajectory.stamps[k], self._frames.map),
@@ -165,13 +203,13 @@ class _Messages:
             twist=self._twist((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
         )
 
-    def _camera_info(self, stamp: int, right_shift: float) -> Any:
+    def _rectified_info(self, stamp: int, right_shift: float) -> Any:
         camera = self._drive.camera
         K = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1], dtype=float)
         P = np.insert(K.reshape(3, 3), 3, [right_shift, 0.0, 0.0], axis=1)
         width, height = self._drive.image_size
-        return self._new["CameraInfo"](
-            header=self._header(stamp, self._frames.camera),
+        return self.camera_info(
+            stamp,
             height=height,
             width=width,
             distortion_model="plumb_bob",
@@ -179,11 +217,32 @@ class _Messages:
             k=K,
             r=np.eye(3).ravel(),
             p=P.ravel(),
+        )
+
+    def camera_info(self, stamp: int, **fields: Any) -> Any:
+        """CameraInfo of the fields that say what the camera is."""
+        return self._new["CameraInfo"](
+            header=self._header(stamp, self._frames.camera),
             binning_x=0,
             binning_y=0,
             roi=self._new["RegionOfInterest"](
                 x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
             ),
+            **fields,
+        )
+
+    def image(self, stamp: int, pixels: NDArray[Any], encoding: str) -> Any:
+        """Image of pixels (H, W) or (H, W, channels) of 8 or 16 bits."""
+        rows = np.ascontiguousarray(pixels).reshape(pixels.shape[0], -1)
+        rows = rows.astype(rows.dtype.newbyteorder("<"), copy=False)
+        return self._new["Image"](
+            header=self._header(stamp, self._frames.camera),
+            height=pixels.shape[0],
+            width=pixels.shape[1],
+            encoding=encoding,
+            is_bigendian=0,
+            step=rows.shape[1] * rows.itemsize,
+            data=rows.view(np.uint8).ravel(),
         )
 
     def _header(self, stamp: int, frame: str) -> Any:

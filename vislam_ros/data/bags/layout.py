@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Topics of the graph and its bags, their types and quality of service, and frames: once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rosbags.interfaces import (
     Qos,
@@ -35,6 +35,13 @@ LATCHED_QOS = STREAM_QOS._replace(
     history=QosHistory.KEEP_LAST, depth=1, durability=QosDurability.TRANSIENT_LOCAL
 )
 """Sent once, kept for those who come later."""
+
+NEWEST_QOS = STREAM_QOS._replace(history=QosHistory.KEEP_LAST, depth=1)
+"""For somebody who looks: one who is slow is to hold nobody up."""
+
+
+VIEW_QOS = STREAM_QOS._replace(history=QosHistory.KEEP_LAST, depth=100)
+"""Of transforms, as tf2 itself has it: a viewer that is slow must not hold up the nodes."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +87,13 @@ RIGHT_CAMERA = Topic(
 EXTRINSICS = Topic(
     "stereo/extrinsics", "geometry_msgs/msg/TransformStamped", LATCHED_QOS, Stream.EXTRINSICS
 )
-LEFT_IMAGE = Topic("stereo/left/image_raw", "sensor_msgs/msg/Image")
-RIGHT_IMAGE = Topic("stereo/right/image_raw", "sensor_msgs/msg/Image")
+LEFT_IMAGE = Topic("stereo/left/image_raw", "sensor_msgs/msg/Image", stream=Stream.LEFT_IMAGE)
+RIGHT_IMAGE = Topic("stereo/right/image_raw", "sensor_msgs/msg/Image", stream=Stream.RIGHT_IMAGE)
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+LEFT_COMPRESSED, RIGHT_COMPRESSED = (
+    replace(topic, name=f"{topic.name}/compressed", msgtype=COMPRESSED_IMAGE)
+    for topic in (LEFT_IMAGE, RIGHT_IMAGE)
+)
 STATIC_TRANSFORMS = Topic("tf_static", "tf2_msgs/msg/TFMessage", LATCHED_QOS)
 GROUND_TRUTH = Topic("ground_truth/odometry", "nav_msgs/msg/Odometry")
 
@@ -99,6 +110,16 @@ TOPICS = (
 """Of a drive, in the order in which messages of one stamp are written: what predicts before what
 corrects."""
 
+IMAGES = (LEFT_IMAGE, RIGHT_IMAGE, LEFT_COMPRESSED, RIGHT_COMPRESSED)
+"""What stereo_tracker_node makes features of, in place of the features of a drive."""
+
+RECTIFIED_CALIBRATION = tuple(
+    replace(topic, name=f"stereo/rectified/{topic.name.removeprefix('stereo/')}")
+    for topic in (LEFT_CAMERA, RIGHT_CAMERA, EXTRINSICS)
+)
+"""Both camera infos and the extrinsics of the images as stereo_tracker_node has rectified them."""
+
+TRACK_IMAGE = Topic("stereo/tracks/image", "sensor_msgs/msg/Image", NEWEST_QOS)
 PREDICTION = Topic("prediction/odometry", "nav_msgs/msg/Odometry", stream=Stream.PREDICTION)
 ODOMETRY = Topic("slam/odometry", "nav_msgs/msg/Odometry")
 STEPS = Topic("slam/steps", "diagnostic_msgs/msg/DiagnosticArray")
@@ -107,7 +128,7 @@ LANDMARKS = Topic("slam/landmarks", "sensor_msgs/msg/PointCloud2", LATCHED_QOS)
 PATH = Topic("slam/path", "nav_msgs/msg/Path")
 PLAYER = Topic("player/status", "diagnostic_msgs/msg/DiagnosticArray", LATCHED_QOS)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-TRANSFORMS = Topic("/tf", "tf2_msgs/msg/TFMessage")
+TRANSFORMS = Topic("/tf", "tf2_msgs/msg/TFMessage", VIEW_QOS)
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock")
 
 

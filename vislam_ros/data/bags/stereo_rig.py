@@ -74,7 +74,8 @@ def _camera(message: Any) -> RawCamera:
     check_range(PRINCIPAL_POINT, K[:2, 2])
     given = str(message.distortion_model)
     model = _SAME_MODELS.get(given, given)
-    if not np.any(D):
+    # Of the equidistant model, all zeros is a fisheye lens, not a pinhole.
+    if not np.any(D) and model != "equidistant":
         model, D = "", np.zeros(0)
     if model not in DISTORTION_MODELS:
         raise RefusedMessage(

@@ -3,12 +3,14 @@
 """Writing a drive as a rosbag2 directory: MCAP, metadata, provenance and checksums."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
 from vislam_ros import __version__
 from vislam_ros.data.bags.bag_messages import is_bag
@@ -76,30 +78,81 @@ def write_bag(
     VislamError
         Where the output exists or cannot be written, or the drive does not fit into messages.
     """
-    provenance = _provenance(drive, source, settings or {})
-    with whole_directory(output, force=force, replaceable=_is_bag_remains) as work:
-        _write_messages(drive, work, provenance, frames, progress)
-        write_checksums(work)
-
-
-def _provenance(drive: Drive, source: Path | None, settings: Mapping[str, Any]) -> dict[str, Any]:
-    origin = None
-    if source is not None:
-        sha256 = file_sha256(source) if source.is_file() else None
-        origin = {"name": source.name, "sha256": sha256}
-    return {
-        "name": drive.name,
-        "source": origin,
-        "vislam_ros": __version__,
-        "settings": dict(settings),
-        "notes": list(drive.notes),
-        "counts": {
+    store = get_typestore(Stores.ROS2_JAZZY)
+    contents = Contents(
+        name=drive.name,
+        notes=drive.notes,
+        counts={
             "steps": drive.steps,
             "tracks": drive.tracks,
             "observations": len(drive.ids),
             "twists": len(drive.twist_stamps),
         },
-        "messages": {topic.recorded: count for topic, count in _message_counts(drive).items()},
+        topics=_message_counts(drive),
+        messages=encode_drive(drive, frames, store),
+    )
+    write_contents(
+        contents, store, output, source=source, settings=settings, force=force, progress=progress
+    )
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What is to stand in a bag.
+
+    Attributes
+    ----------
+    name : str
+        Of the drive.
+    notes : tuple of str
+        What was repaired or left out.
+    counts : mapping of str to int
+        How much of what the drive has, for ``provenance.json``.
+    topics : mapping of Topic to int
+        How many messages there are on each.
+    messages : iterator of (Topic, int, bytes)
+        Topic, stamp (ns) and CDR bytes of each.
+    """
+
+    name: str
+    notes: tuple[str, ...]
+    counts: Mapping[str, int]
+    topics: Mapping[Topic, int]
+    messages: Iterator[tuple[Topic, int, memoryview]]
+
+
+def write_contents(
+    contents: Contents,
+    store: Typestore,
+    output: Path,
+    *,
+    source: Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> None:
+    """Write messages as a bag, as :func:`write_bag` does; ``store`` knows their types."""
+    provenance = _provenance(contents, source, settings or {})
+    with whole_directory(output, force=force, replaceable=_is_bag_remains) as work:
+        _write_messages(contents, store, work, provenance, progress)
+        write_checksums(work)
+
+
+def _provenance(
+    contents: Contents, source: Path | None, settings: Mapping[str, Any]
+) -> dict[str, Any]:
+    origin = None
+    if source is not None:
+        sha256 = file_sha256(source) if source.is_file() else None
+        origin = {"name": source.name, "sha256": sha256}
+    return {
+        "name": contents.name,
+        "source": origin,
+        "vislam_ros": __version__,
+        "settings": dict(settings),
+        "notes": list(contents.notes),
+        "counts": dict(contents.counts),
+        "messages": {topic.recorded: count for topic, count in contents.topics.items()},
     }
 
 
@@ -118,17 +171,15 @@ def _message_counts(drive: Drive) -> dict[Topic, int]:
 
 
 def _write_messages(
-    drive: Drive,
+    contents: Contents,
+    store: Typestore,
     work: Path,
     provenance: Mapping[str, Any],
-    frames: Frames,
     progress: Progress | None,
 ) -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
     writer = Writer(work, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    counts = _message_counts(drive)
-    total = sum(counts.values())
+    total = sum(contents.topics.values())
     with writer:
         # First, so that a directory without checksums shows that it was cut off, not recorded.
         text = json.dumps(provenance, indent=2, ensure_ascii=False)
@@ -137,9 +188,9 @@ def _write_messages(
             topic: writer.add_connection(
                 topic.recorded, topic.msgtype, typestore=store, offered_qos_profiles=[topic.qos]
             )
-            for topic in counts
+            for topic in contents.topics
         }
-        for done, (topic, stamp, data) in enumerate(encode_drive(drive, frames, store), start=1):
+        for done, (topic, stamp, data) in enumerate(contents.messages, start=1):
             writer.write(connections[topic], stamp, data)
             if progress and (done % _REPORT_EVERY == 0 or done == total):
                 progress(done / total)

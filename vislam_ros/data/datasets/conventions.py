@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.data.datasets.fitted_translation import fitted_translations
 from vislam_ros.data.datasets.step_pairs import StepPairs, step_pairs
 from vislam_ros.data.datasets.twist_origin import (
     is_nearer,
@@ -27,6 +28,7 @@ from vislam_ros.data.datasets.twist_origin import (
     moved_to_the_body,
 )
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.finding import Finding
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
 from vislam_ros.errors import VislamError
 
@@ -112,28 +114,28 @@ def settle_conventions(drive: Drive, conventions: Conventions) -> Drive:
 
 def _settle_origin(drive: Drive, camera_as_given: StereoCamera, twist_origin: str) -> Drive:
     """Move the twists to the body where they are those of a misplaced IMU."""
-    if twist_origin == "body":
+    if twist_origin == "body" or not drive.measures_velocity:
         return drive
     imu = misplaced_imu(camera_as_given)
     if drive.camera != camera_as_given:
         imu = imu * _HALF_TURN_TWIST[:3]
-    seen = ""
+    numbers = {"imu_m": imu.tolist()}
     if twist_origin == "auto":
         measured = measure_twist_origin(drive)
         if measured is None or not is_nearer(measured, imu):
             return drive
-        std = np.sqrt(np.diag(measured.covariance))
-        seen = f", seen in the images at {_place(measured.place[:2])} +- {_place(std[:2])}"
-    return _add_note(
-        dataclasses.replace(drive, twists=moved_to_the_body(drive, imu)),
-        f"The twists are those of an IMU at {_place(imu)} m in the body that the extrinsics "
-        f"describe{seen}: their translation was turned the wrong way. Moved the twists to the "
-        "body.",
+        numbers["seen_m"] = measured.place.tolist()
+        numbers["std_m"] = np.sqrt(np.diag(measured.covariance)).tolist()
+    return dataclasses.replace(drive, twists=moved_to_the_body(drive, imu)).with_finding(
+        Finding(
+            "twist_origin",
+            f"the twists are those of an IMU {np.linalg.norm(imu):.1f} m from the body of the "
+            "extrinsics",
+            "moved to the body",
+            True,
+            numbers,
+        )
     )
-
-
-def _place(metres: Array) -> str:
-    return "(" + ", ".join(f"{value:.2f}" for value in metres) + ")"
 
 
 def _settle_axes_and_steps(drive: Drive, imu_frame: str, twist_index: str) -> Drive:
@@ -153,22 +155,21 @@ def _settle_axes_and_steps(drive: Drive, imu_frame: str, twist_index: str) -> Dr
     if min(len(part) for part in errors) < MIN_RESIDUALS:
         return _add_note(
             _apply(drive, "as-given" if imu_frame == "auto" else imu_frame, indices[0]),
-            "Too few landmarks to tell the axes and the steps of the twists: taken as the file "
-            f"gives them, each twist at the {indices[0]} of its step.",
+            "Too few landmarks to tell axes and steps of the twists: taken as the file has them.",
         )
     medians = [float(np.median(part)) for part in errors]
     best = int(np.argmin(medians))
     if medians[best] > CLEARLY_SMALLER * medians[0]:
         best = 0
-    others = ", ".join(
-        f"{medians[i]:.2f} px {_describe(*candidates[i])}"
-        for i in range(len(candidates))
-        if i != best
-    )
-    return _add_note(
+    errors_px = {_describe(*each): error for each, error in zip(candidates, medians, strict=True)}
+    return dataclasses.replace(
         trials[best],
-        f"Median one-step reprojection error {medians[best]:.2f} px with twists "
-        f"{_describe(*candidates[best])} (others: {others}).",
+        findings=tuple(
+            dataclasses.replace(each, numbers={**each.numbers, "reprojection_px": errors_px})
+            if each.name in ("imu_frame", "twist_index")
+            else each
+            for each in trials[best].findings
+        ),
     )
 
 
@@ -181,15 +182,19 @@ def reprojection_errors(drive: Drive, pairs: StepPairs) -> Array:
     """Pixels, (m,), between where a step's twist moves each landmark and where it is seen.
 
     ``|pi(T_cb Exp(-tau u) T_bc pi^-1(y_k)) - z_{k+1}|`` in the left image; landmarks that would
-    end behind the camera are left out.
+    end behind the camera are left out. Where no velocity is measured, it is the one of each step
+    that fits best.
     """
     camera = drive.camera
     tau = np.diff(drive.twist_stamps) / NANOSECONDS
-    T_after_before = (
-        camera.T_camera_body @ se3.exp(-tau[:, None] * drive.twists[1:]) @ camera.T_body_camera
-    )[pairs.steps]
+    motion = se3.exp(-tau[:, None] * np.nan_to_num(drive.twists[1:]))
+    T_after_before = (camera.T_camera_body @ motion @ camera.T_body_camera)[pairs.steps]
     points = camera.triangulate(pairs.y)
-    moved = (T_after_before[:, :3, :3] @ points[..., None])[..., 0] + T_after_before[:, :3, 3]
+    moved = (T_after_before[:, :3, :3] @ points[..., None])[..., 0]
+    if drive.measures_velocity:
+        moved += T_after_before[:, :3, 3]
+    else:
+        moved += fitted_translations(camera, pairs.steps, moved, pairs.left)
     ahead = moved[:, 2] > _MIN_DEPTH
     projected = camera.project(moved[ahead])
     return np.asarray(np.linalg.norm(projected[:, [0, 2]] - pairs.left[ahead], axis=1))
@@ -199,11 +204,15 @@ def _apply(drive: Drive, frame: str, index: str) -> Drive:
     """Bring a drive whose twists have these axes and this step to the package's convention."""
     if index == "start":
         # The first twist carries no step; the last one's step has no end.
-        drive = _add_note(
-            dataclasses.replace(
-                drive, twists=np.concatenate([drive.twists[:1], drive.twists[:-1]])
-            ),
-            "Moved each twist from the start of its step to the end.",
+        drive = dataclasses.replace(
+            drive, twists=np.concatenate([drive.twists[:1], drive.twists[:-1]])
+        ).with_finding(
+            Finding(
+                "twist_index",
+                "twists are those of the step that begins at their stamp",
+                "moved to its end",
+                True,
+            )
         )
     if frame == "as-given":
         return drive
@@ -221,10 +230,14 @@ def _apply(drive: Drive, frame: str, index: str) -> Drive:
         )
     if own_frame != frame:
         turned = "extrinsics" if own_frame == "frd" else "twists"
-        return _add_note(
-            drive,
-            f"The twists are {_AXES[frame]} and the extrinsics {_AXES[own_frame]}: turned the "
-            f"{turned} by half a turn about the forward axis.",
+        return drive.with_finding(
+            Finding(
+                "imu_frame",
+                f"the twists are {_AXES[frame]}, the extrinsics {_AXES[own_frame]}",
+                f"turned the {turned}",
+                True,
+                {"twists": frame, "extrinsics": own_frame},
+            )
         )
     if frame == "frd":
         return _add_note(

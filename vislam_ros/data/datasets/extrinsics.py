@@ -128,15 +128,11 @@ def choose_reading(candidates: Sequence[Candidate], conventions: Conventions) ->
         best = 0
     if candidates[best].complaint:
         raise VislamError(candidates[best].complaint)
-    others = ", ".join(
-        f"{error:.2f} px as {each.words}"
-        for k, (error, each) in enumerate(zip(errors, candidates, strict=True))
-        if k != best and not each.complaint
-    )
+    others = [each for k, each in enumerate(candidates) if k != best and not each.complaint]
     if not others:
         reason = "no other reading makes a stereo pair"
     elif errors[best] < np.inf:
-        reason = f"the one-step reprojection error is {errors[best]:.2f} px ({others})"
+        reason = "it fits the images best"
     else:
         reason = "there are too few landmarks to tell it from the others"
     words, drive, _ = candidates[best]

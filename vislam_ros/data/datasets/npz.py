@@ -7,7 +7,8 @@ The format (M tracks, T steps), in every spelling in use; velocities may be tran
     features (4, M, T)   u_left, v_left, u_right, v_right in pixels; all four -1 where unseen;
                          in another order where the lengths leave no doubt; may be missing
     time_stamps, timestamps (T,)                           UNIX seconds
-    linear_velocity, v_t (3, T)                            metres a second, in the IMU's axes
+    linear_velocity, v_t (3, T)                            metres a second, in the IMU's axes;
+                                                           missing or NaN: a gyroscope alone
     angular_velocity, rotational_velocity, w_t (3, T)      radians a second, in the IMU's axes
     K, K_l (3, 3)                                          intrinsics; K_r where they differ
     b, baseline                                            metres; or extL_T_imu and extR_T_imu
@@ -29,6 +30,7 @@ from vislam_ros.data.datasets.calibration import read_pairs
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions, settle_conventions
 from vislam_ros.data.datasets.extrinsics import Candidate, choose_reading
 from vislam_ros.data.datasets.members import finite, wrong_shape
+from vislam_ros.data.datasets.mending import AS_STORED, Mending, mended_stamps
 from vislam_ros.data.datasets.sparse_features import (
     Axes,
     DenseFeatures,
@@ -38,15 +40,18 @@ from vislam_ros.data.datasets.sparse_features import (
     rectified,
 )
 from vislam_ros.data.drive import Drive, image_size_that_holds
+from vislam_ros.data.finding import Finding
 from vislam_ros.data.trajectory import LATEST_SECOND, NANOSECONDS, Trajectory, nanoseconds
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 
 FEATURES = "features"
+NO_FEATURES = "There are no features: what is left is dead reckoning."
+LINEAR_VELOCITY = ("linear_velocity", "v_t")
+NO_VELOCITY = "There are no velocities: the gyroscope alone tells the motion."
 SPELLINGS = {
     "time stamps": ("time_stamps", "timestamps"),
-    "linear velocity": ("linear_velocity", "v_t"),
     "angular velocity": ("angular_velocity", "rotational_velocity", "w_t"),
     "intrinsics": ("K", "K_l"),
     "baseline": ("b", "baseline", "extR_T_imu"),
@@ -67,6 +72,7 @@ def read(
     *,
     conventions: Conventions = AS_FOUND,
     progress: Progress | None = None,
+    mending: Mending = AS_STORED,
 ) -> Drive:
     """Read a dataset; the dense features are streamed and never held.
 
@@ -78,6 +84,8 @@ def read(
         What the file's numbers mean; by default what fits its images.
     progress : callable, optional
         Told the share of the features read so far, 0 to 1.
+    mending : Mending, optional
+        Faults that are undone.
 
     Returns
     -------
@@ -89,24 +97,31 @@ def read(
     VislamError
         Where the file cannot be read or is no dataset; the message names the field.
     """
-    return read_with_rectification(path, conventions, progress)[0]
+    return read_with_rectification(path, conventions, progress, mending)[0]
 
 
 def read_with_rectification(
-    path: Path, conventions: Conventions = AS_FOUND, progress: Progress | None = None
+    path: Path,
+    conventions: Conventions = AS_FOUND,
+    progress: Progress | None = None,
+    mending: Mending = AS_STORED,
 ) -> tuple[Drive, PixelRectification | None]:
     """Read a dataset as :func:`read` does, and what its raw pixels went through."""
     with open_arrays(path) as arrays:
         keys = {what: _find_key(path, arrays, what) for what in SPELLINGS}
-        stamps = _stamps(path, arrays, keys["time stamps"])
-        velocity = _velocity(path, arrays, keys["linear velocity"], len(stamps), VELOCITY)
+        stamps, late = _stamps(path, arrays, keys["time stamps"], mending)
+        velocity, notes = _linear_velocity(path, arrays, len(stamps))
+        omega = keys["angular velocity"]
         angular_velocity = _velocity(
-            path, arrays, keys["angular velocity"], len(stamps), TURN_RATE
+            path, omega, finite(path, arrays, omega), len(stamps), TURN_RATE
         )
         readings = read_pairs(path, arrays, keys, conventions.extrinsics)
         truth = _ground_truth(path, arrays, stamps) if GROUND_TRUTH in arrays else None
-        unknown = sorted(set(arrays) - {*keys.values(), FEATURES, *_COMPANIONS})
-        features, notes = _features(path, arrays, len(stamps), progress)
+        known = {*keys.values(), *LINEAR_VELOCITY, FEATURES, *_COMPANIONS}
+        unknown = sorted(set(arrays) - known)
+        features, of_features = _features(path, arrays, len(stamps), progress)
+        features = mending.features(features)
+    notes += of_features
 
     if unknown:
         notes.append(f"Ignored keys that are no part of the format: {', '.join(unknown)}.")
@@ -121,7 +136,7 @@ def read_with_rectification(
         )
         drive = Drive(
             name=path.stem,
-            camera=pair.camera,
+            camera=mending.camera(pair.camera),
             image_size=image_size_that_holds(seen.pixels),
             twist_stamps=stamps,
             twists=np.column_stack([velocity, angular_velocity]),
@@ -136,6 +151,8 @@ def read_with_rectification(
         candidates.append(Candidate(pair.reading, drive, complaint))
         rectifications.append(pair.rectification)
     chosen, drive = choose_reading(candidates, conventions)
+    if late is not None:
+        drive = drive.with_finding(late)
     return settle_conventions(drive, conventions), rectifications[chosen]
 
 
@@ -149,7 +166,10 @@ def _find_key(path: Path, arrays: Arrays, what: str) -> str:
     )
 
 
-def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
+def _stamps(
+    path: Path, arrays: Arrays, key: str, mending: Mending
+) -> tuple[NDArray[np.int64], Finding | None]:
+    """Stamps, and what was wrong with them where they are mended."""
     values = finite(path, arrays, key)
     if not values.size or values.size != max(values.shape, default=0):
         raise wrong_shape(path, key, values.shape, "(T,) or (1, T) with at least one step")
@@ -158,7 +178,9 @@ def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
         raise VislamError(
             f"{path}: {key} goes from {seconds.min():g} to {seconds.max():g}: give UNIX seconds"
         )
-    stamps = nanoseconds(seconds)
+    stamps, finding = nanoseconds(seconds), None
+    if mending.mends_stamps:
+        stamps, finding = mended_stamps(stamps)
     (late,) = np.nonzero(np.diff(stamps) <= 0)
     if len(late):
         k = int(late[0])
@@ -167,12 +189,27 @@ def _stamps(path: Path, arrays: Arrays, key: str) -> NDArray[np.int64]:
             "it: time must increase"
         )
     GAP.require(np.diff(stamps) / NANOSECONDS, f"{path}: {key}")
-    return stamps
+    return stamps, finding
 
 
-def _velocity(path: Path, arrays: Arrays, key: str, steps: int, meant: Range) -> Array:
-    """Read a velocity (T, 3) that is stored as (3, T) or, unless T is 3 too, as (T, 3)."""
-    values = finite(path, arrays, key)
+def _linear_velocity(path: Path, arrays: Arrays, steps: int) -> tuple[Array, list[str]]:
+    """Read the velocity (T, 3), NaN where the file has none, and notes."""
+    keys = [key for key in LINEAR_VELOCITY if key in arrays]
+    if not keys:
+        return np.full((steps, 3), np.nan), [NO_VELOCITY]
+    values = arrays[keys[0]]().array()
+    unknown = np.isnan(values)
+    if not unknown.any():
+        return _velocity(path, keys[0], finite(path, arrays, keys[0]), steps, VELOCITY), []
+    _velocity(path, keys[0], np.nan_to_num(values, nan=0.0, posinf=np.inf), steps, VELOCITY)
+    return np.full((steps, 3), np.nan), [
+        f"{int(unknown.sum())} of {unknown.size} velocities are NaN: the gyroscope alone tells "
+        "the motion."
+    ]
+
+
+def _velocity(path: Path, key: str, values: Array, steps: int, meant: Range) -> Array:
+    """Check a velocity (T, 3) that is stored as (3, T) or, unless T is 3 too, as (T, 3)."""
     meant.require(values, f"{path}: {key}")
     if values.shape == (3, steps):
         return values.T
@@ -188,7 +225,7 @@ def _features(
 ) -> tuple[DenseFeatures, list[str]]:
     """Observations, and notes on how they were found."""
     if FEATURES not in arrays:
-        return no_features(steps), ["There are no features: what is left is dead reckoning."]
+        return no_features(steps), [NO_FEATURES]
     stream = arrays[FEATURES]()
     axes, order = _axes(path, stream.shape, steps), []
     if axes != (0, 1, 2):

@@ -11,6 +11,7 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.geometry.stereo_rig import StereoRig
+from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.images.pairing import half_a_period, pair_stamps
 from vislam_ros.data.images.reference_poses import from_first_pose, of_another_body
@@ -38,6 +39,8 @@ class GivenMotion:
     rectification : PixelRectification or None
         What pixels of its raw cameras go through to be those of ``camera``; None where they are.
     ground_truth : Trajectory or None
+    unsettled : Conventions or None
+        How to find what the twists mean, where the source has no features that told it.
     notes : tuple of str
     """
 
@@ -47,6 +50,7 @@ class GivenMotion:
     camera: StereoCamera | None = None
     rectification: PixelRectification | None = None
     ground_truth: Trajectory | None = None
+    unsettled: Conventions | None = None
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -143,6 +147,9 @@ def _moved(images: StereoImages, given: GivenMotion) -> StereoImages:
         images,
         rig=rig,
         motion=given.motion,
+        unsettled=given.unsettled,
+        turns=None,
+        is_of_graph=False,
         ground_truth=truth,
         notes=(*images.notes, *given.notes),
     )

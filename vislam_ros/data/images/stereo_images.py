@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.stereo_rig import StereoRig
+from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.errors import VislamError
+from vislam_ros.frontend.turns import turn_between
 
 
 class RawImage(NamedTuple):
@@ -59,6 +62,10 @@ class Motion:
         accelerations = None if self.accelerations is None else self.accelerations[rows]
         return Motion(self.stamps[rows], self.twists[rows], accelerations)
 
+    def turn_between(self, begin: int, end: int) -> NDArray[np.float64] | None:
+        """Rotation (3, 3) of the body between two stamps (ns), or None where unknown."""
+        return turn_between(self.stamps, self.twists[:, 3:], begin, end)
+
     @classmethod
     def of_imu(
         cls,
@@ -90,10 +97,17 @@ class StereoImages:
     timed : bool
         Whether the source tells when the images were taken.
     motion : Motion or None
+    unsettled : Conventions or None
+        How to find from the images what the twists mean, where nothing has told it yet.
+    turns : Motion or None
+        What the gyroscope measured, where that is not the motion itself: for the tracker.
     ground_truth : Trajectory or None
         Poses of the body in its first pose's frame, where they are known.
     notes : tuple of str
         What was taken for what, repaired or left out, a sentence each.
+    is_of_graph : bool
+        Whether a bag holds them under the names of the live graph, so that the nodes can be sent
+        what it holds as it stands.
     """
 
     name: str
@@ -103,11 +117,32 @@ class StereoImages:
     reader: PairReader
     timed: bool = True
     motion: Motion | None = None
+    unsettled: Conventions | None = None
+    turns: Motion | None = None
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
+    is_of_graph: bool = False
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    def known_motion(self) -> Motion:
+        """Motion in the time of the images.
+
+        Raises
+        ------
+        VislamError
+            Where nothing tells it, or the times of the images.
+        """
+        if self.motion is None or not self.timed:
+            what = "the motion" if self.motion is None else "the times of the images"
+            # A reader may have refused all of it.
+            skipped = "".join(f" ({note.rstrip('.')})" for note in self.notes if "Skipped" in note)
+            raise VislamError(
+                f"{self.name}: nothing tells {what}: give a dataset or a bag that does with "
+                f"--motion{skipped}"
+            )
+        return self.motion.during(self.stamps)
 
     def pairs(self) -> Iterator[StereoPair]:
         """Read the pairs, in the order of their stamps.

@@ -12,6 +12,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from vislam_ros.data.evaluation.laid_paths import Laying
+from vislam_ros.data.files.inputs import open_input
 from vislam_ros.data.files.whole_file import made_directory, refuse_existing, replace_files
 from vislam_ros.data.pictures import palette
 from vislam_ros.data.pictures.errors import draw_errors
@@ -24,6 +25,10 @@ from vislam_ros.errors import VislamError
 
 PictureFormat: TypeAlias = Literal["png", "svg"]
 
+# A text of PNG that tells a picture which nobody asked for from one that somebody did.
+_MARK, _OF_RUN = "Source", "vislam run"
+_HEAD = 1024  # bytes of a picture, in which its texts stand
+
 
 def plot_results(
     results: Results,
@@ -33,6 +38,7 @@ def plot_results(
     force: bool = False,
     laying: Laying = "se3",
     picture_format: PictureFormat = "png",
+    of_run: bool = False,
 ) -> list[Path]:
     """Write the pictures ``trajectory``, ``steps``, ``estimates`` and ``errors``.
 
@@ -46,12 +52,14 @@ def plot_results(
     output : Path, optional
         Folder for the pictures; the result directory by default.
     force : bool
-        Replace pictures that exist.
+        Replace pictures that exist. Those that a run drew at its end are replaced anyway.
     laying : str
         How ``trajectory`` lays the paths onto the reference; see
         :func:`vislam_ros.data.evaluation.laid_paths.laid_paths`.
     picture_format : str
         ``png`` or ``svg``.
+    of_run : bool
+        Whether a run draws them at its end.
 
     Returns
     -------
@@ -74,12 +82,12 @@ def plot_results(
         draws["errors"] = partial(draw_errors, results, reference)
     paths = {name: folder / f"{name}.{picture_format}" for name in draws}
     for path in paths.values():
-        refuse_existing(path, force=force)
+        refuse_existing(path, force=force or _is_of_run(path))
     contents = {}
     for name, draw in draws.items():
         figure = draw()
         if figure is not None:
-            contents[paths[name]] = _file_of(figure, picture_format)
+            contents[paths[name]] = _file_of(figure, picture_format, of_run=of_run)
     try:
         with made_directory(folder):
             replace_files(contents)
@@ -88,10 +96,21 @@ def plot_results(
     return list(contents)
 
 
-def _file_of(figure: Figure, picture_format: PictureFormat) -> bytes:
+def _is_of_run(picture: Path) -> bool:
+    """Whether a run drew this picture at its end."""
+    if not picture.is_file():
+        return False
+    with open_input(picture, "this picture") as file:
+        head = file.read(_HEAD)
+    return f"tEXt{_MARK}\0{_OF_RUN}".encode() in head
+
+
+def _file_of(figure: Figure, picture_format: PictureFormat, *, of_run: bool) -> bytes:
     buffer = io.BytesIO()
     # The same results are the same file: no date, and no random names inside.
-    metadata = {"Date": None} if picture_format == "svg" else {}
+    metadata: dict[str, str | None] = {"Date": None} if picture_format == "svg" else {}
+    if of_run:
+        metadata[_MARK] = _OF_RUN
     with matplotlib.rc_context({"svg.hashsalt": "vislam"}):
         figure.savefig(buffer, dpi=palette.DOTS_PER_INCH, format=picture_format, metadata=metadata)
     return buffer.getvalue()

@@ -17,6 +17,9 @@ from vislam_ros.core.tracking.refusals import Stream, refusal_of
 from vislam_ros.data.bags.layout import FEATURES, PREDICTION
 
 _SLAM, _PREDICTION_NODE = "slam_node", "imu_prediction_node"
+TRACKER = "stereo_tracker_node"
+"""The node that makes features of images, where these are sent."""
+
 _FEATURES_WORD = f"{Stream.FEATURES.value}_"
 
 
@@ -75,6 +78,8 @@ class NodeReport:
         Predicted poses that it published.
     steps : int
         Steps that it published.
+    features : int
+        Feature frames that it published.
     """
 
     received: dict[str, int] = field(default_factory=dict)
@@ -85,6 +90,7 @@ class NodeReport:
     first_at_end: dict[str, str] = field(default_factory=dict)
     predictions: int = 0
     steps: int = 0
+    features: int = 0
 
     @classmethod
     def of_values(cls, values: Mapping[str, str]) -> "NodeReport":
@@ -106,6 +112,7 @@ class NodeReport:
             first_at_end=first_at_end,
             predictions=int(values.get("predictions", 0)),
             steps=int(values.get("steps", 0)),
+            features=int(values.get("features published", 0)),
         )
 
     @property
@@ -179,8 +186,8 @@ class Ledger:
 
     @property
     def features_sent(self) -> int:
-        """Features messages that the player has sent."""
-        return self._sent.get(FEATURES.name, 0)
+        """Features messages that the player has sent, or the tracker made of its images."""
+        return self._sent.get(FEATURES.name, 0) + self._since(TRACKER).features
 
     def begin(self) -> None:
         """Count only what nodes are sent from now on."""
@@ -221,7 +228,11 @@ class Ledger:
 
     def missing(self) -> dict[str, int]:
         """Messages that were sent and have not arrived yet where they are used, by topic."""
-        sent = {**self._sent, PREDICTION.name: self._since(_PREDICTION_NODE).predictions}
+        sent = {
+            **self._sent,
+            FEATURES.name: self.features_sent,
+            PREDICTION.name: self._since(_PREDICTION_NODE).predictions,
+        }
         return {
             topic: sent[topic] - arrived
             for node in tuple(self._reports)
@@ -284,4 +295,5 @@ class Ledger:
             received={t: n - before.received.get(t, 0) for t, n in now.received.items()},
             refused={w: n - before.refused.get(w, 0) for w, n in now.refused.items()},
             predictions=now.predictions - before.predictions,
+            features=now.features - before.features,
         )

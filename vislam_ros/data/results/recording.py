@@ -7,7 +7,7 @@ See :func:`vislam_ros.data.results.writer.pass_directory`.
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,14 @@ from vislam_ros.core.tracking.time_order import TimeOrder
 from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.message_log import MessageLog
+from vislam_ros.data.results.scene import Made, Scene
 from vislam_ros.data.results.writer import ResultWriter, pass_directory
 
 #: How the reason begins why a run is incomplete whose recorder was told to end.
 STOPPED = "the recorder was stopped"
+
+# What CDR begins with, and the stamp that all latched messages have first [bytes].
+_AFTER_STAMP = 12
 
 
 def map_patience(steps: int) -> float:
@@ -61,12 +65,16 @@ class Pose:
     position, quaternion : ndarray, (3,), (4,)
         Metres; x, y, z, w.
     raw : Raw
+    parent, child : str
+        Frames between which it is.
     """
 
     stamp: int
     position: NDArray[Any]
     quaternion: NDArray[Any]
     raw: Raw
+    parent: str
+    child: str
 
 
 class _Pass:
@@ -83,6 +91,7 @@ class _Pass:
         # By node, of parameters that were changed: their value when the pass began.
         self.began_with: dict[str, dict[str, Any]] = {}
         self._early: list[Raw] = []
+        self._scene = Scene()
 
     @property
     def map_patience(self) -> float:
@@ -112,6 +121,23 @@ class _Pass:
         for message in (*early, raw):
             self.log.write(message.topic, message.data, stamp)
 
+    def write_step(self, pose: Pose, raw_row: Raw) -> None:
+        """Log a step, and what it adds to the scene."""
+        self.write_raw(pose.raw, pose.stamp)
+        self.write_raw(raw_row, pose.stamp)
+        self._write_made(self._scene.add_step, pose)
+
+    def write_prediction(self, pose: Pose) -> None:
+        """Log a predicted pose, and what it adds to the scene."""
+        self.write_raw(pose.raw, pose.stamp)
+        self._write_made(self._scene.add_prediction, pose)
+
+    def _write_made(self, add: Callable[..., Iterable[Made]], pose: Pose) -> None:
+        if self.log is not None:
+            frames = pose.parent, pose.child
+            for made in add(pose.stamp, pose.position, pose.quaternion, *frames):
+                self.log.write(made.topic, made.data, made.stamp)
+
     def refresh(self) -> None:
         """Bring the files up to date if they are a second old."""
         if not self.finished:
@@ -126,6 +152,8 @@ class _Pass:
         self.finished = True
         try:
             if self.log is not None:
+                for made in self._scene.finish():
+                    self.log.write(made.topic, made.data, made.stamp)
                 self.log.close()
         finally:
             self.writer.finish(complete=complete, incomplete_reason=reason)
@@ -157,6 +185,7 @@ class Recording:
         self._count = 1
         self._parameters: Mapping[str, Mapping[str, Any]] = {}
         self._changed: dict[str, dict[str, Any]] = {}  # by node, to their present value
+        self._latched: dict[Topic, Raw] = {}
         self._early: deque[_Pass] = deque(maxlen=2)  # passes that were over before these
         self._prediction_pass = 0
         # slam_node tells of those that it refused for their stamp.
@@ -218,8 +247,7 @@ class Recording:
         current.last_stamp = pose.stamp
         current.writer.add_step(pose.position, pose.quaternion, covariance_body, row)
         current.writer.summary.latencies_ms.append(latency_ms)
-        current.write_raw(pose.raw, pose.stamp)
-        current.write_raw(raw_row, pose.stamp)
+        current.write_step(pose, raw_row)
 
     def add_prediction(self, pose: Pose) -> None:
         """Add a predicted pose, to the pass that its stamp belongs to."""
@@ -234,7 +262,7 @@ class Recording:
         for results in (self._current, self._previous):
             if results is not None and results.time_pass == time_pass and not results.finished:
                 results.writer.add_dead_reckoning(pose.stamp, pose.position, pose.quaternion)
-                results.write_raw(pose.raw, pose.stamp)
+                results.write_prediction(pose)
                 return
 
     def add_landmarks(self, stamp: int, landmarks: LandmarkMap, raw: Raw) -> None:
@@ -247,6 +275,13 @@ class Recording:
             results.map_stamp = stamp
             results.writer.set_landmarks(landmarks)
             results.write_raw(raw, stamp)
+
+    def add_latched(self, raw: Raw) -> None:
+        """Add a message that holds until another comes; of the same again, only the first."""
+        before = self._latched.get(raw.topic)
+        self._latched[raw.topic] = raw
+        if before is None or before.data[_AFTER_STAMP:] != raw.data[_AFTER_STAMP:]:
+            self.add_other(raw)
 
     def add_other(self, raw: Raw) -> None:
         """Add a message that only goes to ``results.mcap``."""
@@ -340,6 +375,8 @@ class Recording:
         self._current.began_with = {node: dict(own) for node, own in self._changed.items()}
         self._write_parameters(self._current)
         self._early.append(self._previous)
+        for raw in self._latched.values():
+            self._current.write_raw(raw)
         held, self._held = self._held, []
         for time_pass, pose in held:
             if time_pass > self._current.time_pass:

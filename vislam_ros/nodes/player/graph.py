@@ -9,14 +9,15 @@ answer. A node that is busy tells nothing.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from vislam_ros.data.bags.layout import DIAGNOSTICS, FEATURES, ODOMETRY, PREDICTION, STEPS
-from vislam_ros.data.results.completeness import Ledger, NodeReport
+from vislam_ros.data.results.completeness import TRACKER, Ledger, NodeReport
 from vislam_ros.nodes.diagnostics import neighbour
+from vislam_ros.nodes.player.outlets import Outlet
 from vislam_ros.nodes.player.window import FeatureWindow
 from vislam_ros.nodes.topics import STREAM
 
@@ -27,7 +28,7 @@ LINKS = {
     STEPS.name: ("recorder_node",),
 }
 #: Nodes that what is played goes through.
-REPORTING = ("imu_prediction_node", "slam_node")
+REPORTING = ("imu_prediction_node", "slam_node", TRACKER)
 
 _KEY = "subscribers "
 # A node at work or at leisure reports every second.
@@ -76,7 +77,7 @@ class GraphWatch:
     def _present(self) -> list[str]:
         publishers = {
             info.node_name
-            for topic in (PREDICTION.name, ODOMETRY.name)
+            for topic in (PREDICTION.name, ODOMETRY.name, FEATURES.name)
             for info in self._node.get_publishers_info_by_topic(topic)
         }
         return [name for name in REPORTING if name in publishers]
@@ -97,16 +98,25 @@ class GraphWatch:
                     taken = self._ledger.received(name, FEATURES.name)
                     self._window.settle(taken, report.waiting)
 
-    def missing(self, *, whole: bool) -> list[str]:
+    def missing(self, for_tracker: Iterable[Outlet] = (), *, whole: bool) -> list[str]:
         """Links that are not there yet, in words.
 
         Parameters
         ----------
+        for_tracker : iterable of Outlet
+            What is played of what the tracker hears: then it is one of the nodes.
         whole : bool
             Whether all of the nodes must be there, or only those that are must hear each other.
         """
-        missing = []
-        for topic, needed in LINKS.items():
+        missing, links = [], LINKS
+        for outlet in for_tracker:
+            links = {**LINKS, FEATURES.name: ("slam_node",)}
+            hearers = [
+                one.node_name for one in self._node.get_subscriptions_info_by_topic(outlet.name)
+            ]
+            if whole and (TRACKER not in hearers or outlet.subscribers < len(hearers)):
+                missing.append(f"{TRACKER} on {outlet.name}")
+        for topic, needed in links.items():
             subscriptions = self._node.get_subscriptions_info_by_topic(topic)
             present = [subscription.node_name for subscription in subscriptions]
             absent = [name for name in needed if name not in present] if whole else []

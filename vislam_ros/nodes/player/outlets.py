@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from vislam_ros.data.bags.bag_messages import BagConnection
-from vislam_ros.data.bags.layout import LATCHED_QOS, STREAM_QOS, TOPICS, Topic
+from vislam_ros.data.bags.layout import IMAGES, LATCHED_QOS, STREAM_QOS, TOPICS, Topic
 from vislam_ros.data.bags.naming import namespace_of, played_name
 from vislam_ros.nodes.topics import message_class, qos_overrides, qos_profile
 
@@ -120,7 +120,7 @@ def _roles(
     nodes may be told, as the player was, to use another.
     """
     by_name = {outlet.name: topic for topic, outlet in outlets.items()}
-    for role in TOPICS:
+    for role in (*TOPICS, *IMAGES):
         played = by_name.get(node.resolve_topic_name(role.name))
         own = next((t for t in (namespace + role.recorded, role.recorded) if t in outlets), None)
         if topic := played or own:

@@ -25,10 +25,11 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from vislam_ros.core.settings import MotionSettings
+from vislam_ros.data.bags import layout
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
 from vislam_ros.data.bags.decoding import stamp_of
-from vislam_ros.data.bags.layout import CLOCK, FEATURES, IMU, ODOMETRY, PLAYER, TWIST, Topic
+from vislam_ros.data.bags.layout import FEATURES, IMAGES, IMU, ODOMETRY, TWIST, Topic
 from vislam_ros.data.bags.naming import namespace_of
 from vislam_ros.data.trajectory import NANOSECONDS
 from vislam_ros.errors import VislamError
@@ -50,7 +51,7 @@ DELIVERY_SECONDS = 60.0
 PARTING_SECONDS = 0.5
 
 _STATUS_PERIOD = 1.0
-_COUNTED = (IMU, TWIST, FEATURES)
+_COUNTED = (IMU, TWIST, FEATURES, *IMAGES)
 _TIME_JUMP = round(MotionSettings.time_jump * NANOSECONDS)  # as the nodes have it by default
 _HEADER_BYTES = 12  # what CDR itself begins with, and the stamp
 
@@ -86,13 +87,18 @@ class Player(Node):
         self._latest: dict[Topic, int] = {}  # stamp by role
         self._outlets = self._create_outlets(renamed)
         self._by_role = {outlet.role: outlet for outlet in self._outlets.values()}
+        # Where there are no features, they are made of images, and a left one is a frame.
+        images = () if FEATURES in self._by_role else IMAGES
+        self._frame = next((t for t in (FEATURES, *images) if t in self._by_role), None)
+        played = (IMU, *images) if images and self._frame else ()
+        self._for_tracker = [self._by_role[topic] for topic in played if topic in self._by_role]
         self._graph = GraphWatch(self, self._window)
         self.report = PlayReport()
         self._began = 0.0
-        self._status = self.create_publisher(DiagnosticArray, PLAYER.name, LATCHED)
+        self._status = self.create_publisher(DiagnosticArray, layout.PLAYER.name, LATCHED)
         steady_timer(self, _STATUS_PERIOD, self.publish_status)
         if options.clock_rate > 0.0:
-            self._ros_clock = self.create_publisher(Clock, CLOCK.name, STREAM)
+            self._ros_clock = self.create_publisher(Clock, layout.CLOCK.name, STREAM)
             steady_timer(self, 1.0 / options.clock_rate, self._publish_clock)
         self._odometry = self.create_subscription(
             Odometry, ODOMETRY.name, self._on_odometry, STREAM
@@ -198,7 +204,7 @@ class Player(Node):
             if self.options.rate == 0.0:
                 links += [f"a report of {name}" for name in self._graph.silent()]
             if whole or self.options.rate == 0.0:
-                links += self._graph.missing(whole=whole)
+                links += self._graph.missing(self._for_tracker, whole=whole)
             return links
 
         if not self.clock.wait_for(lambda: not missing(), self.options.wait):
@@ -220,7 +226,6 @@ class Player(Node):
         end = begin + self.options.duration * NANOSECONDS
         stop = None if end > self._bag.duration else round(end)
         messages = self._bag.messages(self._outlets.keys(), start_offset=begin, stop_offset=stop)
-        has_features = FEATURES in self._by_role
         begin += self._bag.start
         before = self.report.bag_seconds
         self._window.expect()
@@ -228,7 +233,7 @@ class Player(Node):
         self.clock.start(begin)
         for connection, stamp, data in messages:
             outlet = self._outlets[connection.topic]
-            is_frame = outlet.role is FEATURES
+            is_frame = outlet.role is not None and outlet.role is self._frame
             if not self.clock.wait(stamp):
                 return False
             if self.options.rate == 0.0 and self._begins_anew(outlet.role, data):
@@ -239,7 +244,7 @@ class Player(Node):
                 self._window.add(_header_stamp(data))
             if not self._send(outlet, data):
                 return False
-            self.clock.sent(stamp, ends_step=is_frame or not has_features)
+            self.clock.sent(stamp, ends_step=is_frame or not self._frame)
             played = max(0.0, (stamp - begin) / NANOSECONDS)
             self._count(before + played)
             if progress:

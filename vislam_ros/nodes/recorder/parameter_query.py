@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Asking other nodes for their parameters, without waiting."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters, ListParameters
@@ -24,27 +24,30 @@ class ParameterQuery:
     ----------
     node : Node
         The one that asks.
-    others : iterable of str
+    others : sequence of str
         Names of those that are asked.
     on_answer : callable
         Called with a node's name and values for each node that answers.
+    if_there : sequence of str
+        Names of others, which need not be there.
     """
 
     def __init__(
         self,
         node: Node,
-        others: Iterable[str],
+        others: Sequence[str],
         on_answer: Callable[[str, dict[str, Any]], None],
+        if_there: Sequence[str] = (),
     ):
         self._on_answer = on_answer
+        self._unanswered = set(others)
         self._unasked: dict[str, tuple[Client, Client]] = {
             other: (
                 node.create_client(ListParameters, f"{other}/list_parameters"),
                 node.create_client(GetParameters, f"{other}/get_parameters"),
             )
-            for other in others
+            for other in (*others, *if_there)
         }
-        self._unanswered = set(self._unasked)
 
     @property
     def complete(self) -> bool:
@@ -56,6 +59,7 @@ class ParameterQuery:
         for other, (names, values) in list(self._unasked.items()):
             if names.service_is_ready() and values.service_is_ready():
                 del self._unasked[other]
+                self._unanswered.add(other)
                 # No deeper than this lie the parameters of the nodes, and not those of QoS.
                 future = names.call_async(ListParameters.Request(depth=1))
                 future.add_done_callback(

@@ -50,6 +50,7 @@ class RecordedMotion:
         self._names = names
         self._frames = frames
         self._twists: dict[int, Array] = {}
+        self._omegas: dict[int, Array] = {}
         self._accelerations: dict[int, Array] = {}
         self._poses: dict[int, tuple[Array, Array]] = {}
         self._transforms = StaticTransforms()
@@ -79,14 +80,23 @@ class RecordedMotion:
     def motion(self) -> Motion | None:
         """Twists, or what the IMU measured; None where there is neither."""
         if not self._twists:
-            return None
+            return self.turns()
         stamps = sorted(self._twists)
-        accelerations = None
-        if self._accelerations.keys() == self._twists.keys():
-            accelerations = np.array([self._accelerations[stamp] for stamp in stamps])
         return Motion(
+            np.array(stamps, dtype=np.int64), np.array([self._twists[stamp] for stamp in stamps])
+        )
+
+    def turns(self) -> Motion | None:
+        """What the IMU measured; None where there is none."""
+        if not self._omegas:
+            return None
+        stamps = sorted(self._omegas)
+        accelerations = None
+        if self._accelerations.keys() == self._omegas.keys():
+            accelerations = np.array([self._accelerations[stamp] for stamp in stamps])
+        return Motion.of_imu(
             np.array(stamps, dtype=np.int64),
-            np.array([self._twists[stamp] for stamp in stamps]),
+            np.array([self._omegas[stamp] for stamp in stamps]),
             accelerations,
         )
 
@@ -135,7 +145,7 @@ class RecordedMotion:
             self._twists.setdefault(stamp, twist)
         elif topic is IMU:
             stamp, omega = decoding.angular_velocity(message, self._frames_of(message))
-            self._twists.setdefault(stamp, np.concatenate([np.full(3, np.nan), omega]))
+            self._omegas.setdefault(stamp, omega)
             if message.linear_acceleration_covariance[0] != -1.0:
                 a = message.linear_acceleration
                 self._accelerations.setdefault(stamp, np.array([a.x, a.y, a.z]))

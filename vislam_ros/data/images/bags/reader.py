@@ -162,6 +162,8 @@ def _images(
         places=range(len(pairs.first)),
         reader=reader,
         motion=motion.motion(),
+        turns=motion.turns() if found.are_of_graph else None,
+        is_of_graph=found.are_of_graph,
         ground_truth=truth,
         notes=(*found.notes, *motion.notes, *pairing_notes(left, right, pairs)),
     )

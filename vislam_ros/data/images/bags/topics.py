@@ -19,8 +19,10 @@ from vislam_ros.data.bags.layout import (
     GROUND_TRUTH,
     IMU,
     LEFT_CAMERA,
+    LEFT_COMPRESSED,
     LEFT_IMAGE,
     RIGHT_CAMERA,
+    RIGHT_COMPRESSED,
     RIGHT_IMAGE,
     STATIC_TRANSFORMS,
     TWIST,
@@ -60,6 +62,17 @@ class ImageTopics:
 
     names: Mapping[Topic, str]
     notes: tuple[str, ...]
+
+    @property
+    def are_of_graph(self) -> bool:
+        """Whether the nodes hear all they need under the names that they have for it."""
+        needed = (LEFT_CAMERA, RIGHT_CAMERA, EXTRINSICS, IMU)
+        images = tuple(self.names.get(side) for side in (LEFT_IMAGE, RIGHT_IMAGE))
+        usual = [
+            tuple(topic.recorded for topic in pair)
+            for pair in ((LEFT_IMAGE, RIGHT_IMAGE), (LEFT_COMPRESSED, RIGHT_COMPRESSED))
+        ]
+        return images in usual and all(self.names.get(topic) == topic.recorded for topic in needed)
 
     @property
     def rectified(self) -> bool:
@@ -191,8 +204,9 @@ class _Search:
         self.found[topic] = beside
 
     def find_motion(self) -> None:
-        """Find twists or, where there are none, an IMU; nothing where there is neither."""
-        if self.take_if_there(TWIST) or self.take_if_there(IMU):
+        """Find twists and an IMU; one of other names only where there are no twists."""
+        has_twists, has_imu = self.take_if_there(TWIST), self.take_if_there(IMU)
+        if has_twists or has_imu:
             return
         others = [name for name, msgtype in self._msgtypes.items() if msgtype == IMU.msgtype]
         gyros = [name for name in others if "gyro" in name]

@@ -30,8 +30,9 @@ Array = NDArray[np.float64]
 _FIRST_STAMP = 1_700_000_000 * NANOSECONDS
 _KNOT_PERIOD = 0.05  # seconds between the poses that a simulated motion goes through
 ACCELEROMETER_NOISE_DENSITY = 2e-3  # m/s^2/sqrt(Hz), as of a small MEMS sensor
-# A blurred image is the mean of so many that none moves by more than about a pixel to the next.
-_MOST_EXPOSED = 12
+# A blurred image is the mean of some that move by about this from one to the next, pixels, which
+# is as far as a lens spreads a point; and of no more than so many, for each takes its time.
+_EXPOSED_APART, _MOST_EXPOSED = 2.0, 8
 # How much brighter the right image is: two sensors of a kind differ by a few per cent.
 _RIGHT_GAIN = 1.03
 
@@ -166,7 +167,7 @@ class SimulatedImages:
         # What is as near as ten baselines moves by its share of the focal length.
         near = 10 * float(np.linalg.norm(self.rig.T_left_right[:3, 3]))
         flow = float(self.rig.left.K[0, 0]) * (angle + way / near)
-        count = min(max(int(np.ceil(flow)), 2), _MOST_EXPOSED)
+        count = min(max(int(np.ceil(flow / _EXPOSED_APART)), 2), _MOST_EXPOSED)
         shares = (np.arange(count) + 0.5) / count
         return np.rint(bounds[0] + shares * (bounds[1] - bounds[0])).astype(np.int64)
 

@@ -1,0 +1,92 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Images go through the live graph, the tracker among its processes, to the bytes of solve."""
+
+from pathlib import Path
+
+import pytest
+from imagery.bags import OURS, REALSENSE, drive_messages, write_messages
+from imagery.folders import FRAMES, write_asl, write_dataset, write_kitti_odometry
+
+from vislam_ros.cli.main import main
+from vislam_ros.data.results.reader import read_results
+
+FILES = ("trajectory.tum", "dead_reckoning.tum")
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A second of simulated images, of lenses that bend and cameras that look aside."""
+    path = tmp_path_factory.mktemp("hall") / "hall"
+    words = ["simulate", str(path), "--images", "--scene", "room"]
+    assert main([*words, "--seconds", "1", "--rate", "10"]) == 0
+    return path
+
+
+def assert_same(run, solved: Path, steps: int) -> None:
+    code, output, errors = run.end()
+    assert code == 0, errors
+    assert "complete" in output
+    run.assert_nothing_is_left()
+    for name in FILES:
+        assert (run.out / name).read_bytes() == (solved / name).read_bytes(), name
+    summary = run.summary()
+    assert (summary["steps"], summary["refused"]) == (steps, {})
+
+
+def test_raw_images_and_their_bag_give_the_offline_trajectory(start, hall, tmp_path):
+    bag, solved, of_bag = tmp_path / "hall_bag", tmp_path / "solved", tmp_path / "of_bag"
+    assert main(["convert", str(hall), str(bag)]) == 0
+    assert main(["verify", str(bag)]) == 0
+    runs = [
+        start(hall, "--rate", "0", name="folder"),
+        start(bag, "--rate", "2", name="bag"),
+    ]
+    assert main(["solve", str(hall), "--out", str(solved)]) == 0
+    assert main(["solve", str(bag), "--out", str(of_bag)]) == 0
+    for name in FILES:
+        assert (of_bag / name).read_bytes() == (solved / name).read_bytes(), name
+    for run in runs:
+        assert_same(run, solved, 11)
+        assert (run.out / "log" / "stereo_tracker_node.log").is_file()
+        used = read_results(run.out).parameters["stereo_tracker_node"]
+        assert (used["gyroscope"], used["queue_size"]) == ("required", 0)
+        assert main(["verify", str(run.out)]) == 0
+
+
+def test_motion_from_elsewhere_and_settings_of_the_tracker_reach_both(start, tmp_path):
+    images, motion = write_kitti_odometry(tmp_path / "06"), write_dataset(tmp_path / "motion.npz")
+    params = tmp_path / "few.yaml"
+    params.write_text("stereo_tracker_node: {ros__parameters: {max_features: 12}}\n")
+    flags = ("--motion", str(motion), "--params", str(params))
+    run = start(images, "--rate", "0", *flags)
+    solved = tmp_path / "solved"
+    assert main(["solve", str(images), *flags, "--out", str(solved)]) == 0
+    assert_same(run, solved, FRAMES)
+    assert max(read_results(run.out).steps["observed"]) <= 12
+
+
+@pytest.mark.parametrize("driver", ["compressed", "realsense"])
+def test_a_driver_s_bag_is_run_with_one_command(start, driver, tmp_path):
+    if driver == "realsense":
+        bag = write_messages(tmp_path / "bag", drive_messages(REALSENSE))
+    else:
+        sides = {side: f"{OURS[side]}/compressed" for side in ("left", "right")}
+        names = {**OURS, **sides, "imu": "/imu/data"}
+        messages = drive_messages(names, compressed=True)
+        for name, _, _, message in messages:
+            if name == "/imu/data":
+                message.header.frame_id = "base_link"
+        bag = write_messages(tmp_path / "bag", messages)
+    run = start(bag, "--rate", "0")
+    assert main(["solve", str(bag), "--out", str(tmp_path / "solved")]) == 0
+    assert_same(run, tmp_path / "solved", FRAMES)
+
+
+def test_tracks_can_be_made_before_the_run(start, tmp_path):
+    images = write_asl(tmp_path / "V1_01")
+    run = start(images, "--rate", "0", "--tracks")
+    solved = tmp_path / "solved"
+    assert main(["solve", str(images), "--out", str(solved)]) == 0
+    assert_same(run, solved, FRAMES)
+    assert not (run.out / "log" / "stereo_tracker_node.log").exists()
