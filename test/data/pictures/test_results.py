@@ -25,7 +25,7 @@ def lines(axes: object) -> dict[str, np.ndarray]:
 
 def outlines(figure: Figure) -> tuple[str, list[np.ndarray]]:
     (ellipses,) = figure.axes[0].collections
-    return ellipses.get_label(), [path.vertices for path in ellipses.get_paths()]
+    return str(ellipses.get_label()), [np.asarray(path.vertices) for path in ellipses.get_paths()]
 
 
 def test_the_picture_from_above_shows_what_there_is(

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from imagery.folders import write_asl
+from viewing_recorded import Recorded
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.data.drive import Drive
@@ -27,38 +28,12 @@ from vislam_ros.errors import OutputError, VislamError
 
 
 @pytest.fixture
-def chunks() -> Any:
-    return pytest.importorskip("rerun.chunk", reason="the extra view is not installed")
+def _rerun() -> None:
+    pytest.importorskip("rerun.chunk", reason="the extra view is not installed")
 
 
-class Recorded:
-    """What a recording holds: rows by entity, component and time."""
-
-    def __init__(self, chunks: Any, path: Path):
-        self.columns: dict[tuple[str, str], list[Any]] = {}
-        self.seconds: dict[str, list[float]] = {}
-        for chunk in chunks.RrdReader(path).stream():
-            batch = chunk.to_record_batch()
-            for name in batch.schema.names:
-                rows = batch.column(name)
-                if name == "time":
-                    nanoseconds = rows.cast("int64").to_pylist()
-                    seconds = self.seconds.setdefault(chunk.entity_path, [])
-                    seconds.extend(each * 1e-9 for each in nanoseconds)
-                else:
-                    held = self.columns.setdefault((chunk.entity_path, name), [])
-                    held.extend(rows.to_pylist())
-
-    def __getitem__(self, key: tuple[str, str]) -> np.ndarray:
-        return np.array(self.columns[key])
-
-    @property
-    def entities(self) -> set[str]:
-        return {path for path, _ in self.columns}
-
-
+@pytest.mark.usefixtures("_rerun")
 def test_paths_map_and_charts_come_back(
-    chunks: Any,
     round_results: Results,
     round_drive: Trajectory,
     moved_round: Trajectory,
@@ -67,7 +42,7 @@ def test_paths_map_and_charts_come_back(
     path = tmp_path / "new" / "round.rrd"
     with opened_stream("round", path) as stream:
         log_results(stream, round_results, moved_round)
-    recorded = Recorded(chunks, path)
+    recorded = Recorded(path)
     for name in ("estimate", "reference"):
         strip = recorded[f"/world/{name}", "LineStrips3D:strips"][0, 0]
         np.testing.assert_allclose(strip, round_drive.positions, atol=1e-5)
@@ -97,11 +72,12 @@ def test_paths_map_and_charts_come_back(
     assert "verified without error" in verdict.stdout + verdict.stderr
 
 
-def test_tracks_stand_at_their_frames(chunks: Any, small_drive: Drive, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("_rerun")
+def test_tracks_stand_at_their_frames(small_drive: Drive, tmp_path: Path) -> None:
     origin = int(small_drive.feature_stamps[0])
     with opened_stream("tracks", tmp_path / "tracks.rrd") as stream:
         log_tracks(stream, small_drive, origin)
-    recorded = Recorded(chunks, tmp_path / "tracks.rrd")
+    recorded = Recorded(tmp_path / "tracks.rrd")
     frames = recorded.columns["/camera/left/tracks", "Points2D:positions"]
     assert len(frames) == small_drive.steps
     for k in (0, 3, small_drive.steps - 1):
@@ -114,14 +90,15 @@ def test_tracks_stand_at_their_frames(chunks: Any, small_drive: Drive, tmp_path:
     np.testing.assert_allclose(recorded.seconds["/camera/left/tracks"], stamps, atol=1e-8)
 
 
-def test_images_are_logged_as_the_tracks_see_them(chunks: Any, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("_rerun")
+def test_images_are_logged_as_the_tracks_see_them(tmp_path: Path) -> None:
     images = read_images(write_asl(tmp_path / "drive"))
     drive = tracked_drive(images)
     origin = int(images.stamps[0])
     with opened_stream("images", tmp_path / "images.rrd") as stream:
         shares = list(log_images(stream, images, origin))
     assert shares == [(k + 1) / len(images) for k in range(len(images))]
-    recorded = Recorded(chunks, tmp_path / "images.rrd")
+    recorded = Recorded(tmp_path / "images.rrd")
     blobs = recorded.columns["/camera/left", "EncodedImage:blob"]
     assert len(blobs) == len(images)
     picture = cv2.imdecode(np.array(blobs[0][0], dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
@@ -130,9 +107,8 @@ def test_images_are_logged_as_the_tracks_see_them(chunks: Any, tmp_path: Path) -
     np.testing.assert_allclose(recorded.seconds["/camera/left"], stamps, atol=1e-8)
 
 
-def test_a_run_without_map_or_steps_can_be_shown(
-    chunks: Any, round_results: Results, tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("_rerun")
+def test_a_run_without_map_or_steps_can_be_shown(round_results: Results, tmp_path: Path) -> None:
     steps = {name: column[:0] for name, column in round_results.steps.items()}
     bare = dataclasses.replace(
         round_results,
@@ -142,7 +118,7 @@ def test_a_run_without_map_or_steps_can_be_shown(
     )
     with opened_stream("bare", tmp_path / "bare.rrd") as stream:
         log_results(stream, bare)
-    entities = Recorded(chunks, tmp_path / "bare.rrd").entities
+    entities = Recorded(tmp_path / "bare.rrd").entities
     assert "/world/estimate" in entities
     assert not [name for name in entities if name.startswith(("/series", "/world/landmarks"))]
 
@@ -152,7 +128,7 @@ def opening(*arguments: Any, **options: Any) -> None:
         pass
 
 
-@pytest.mark.usefixtures("chunks")
+@pytest.mark.usefixtures("_rerun")
 def test_a_file_is_whole_or_not_there(round_results: Results, tmp_path: Path) -> None:
     def broken() -> None:
         with opened_stream("broken", tmp_path / "new" / "broken.rrd") as stream:
@@ -174,7 +150,7 @@ def test_a_file_is_whole_or_not_there(round_results: Results, tmp_path: Path) ->
         opening("none", tmp_path / "file" / "none.rrd")
 
 
-@pytest.mark.usefixtures("chunks")
+@pytest.mark.usefixtures("_rerun")
 def test_without_a_screen_it_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):

@@ -154,7 +154,8 @@ def _draw_fields(axes: Axes, plan: SweepPlan, points: Sequence[PointResult], nam
     bar = axes.figure.colorbar(image, ax=axes)
     bar.set_label(words)
     if name in _IDEAL_ONE:
-        ends = [image.norm.vmin or 1.0, 1.0, image.norm.vmax or 1.0]
+        low, high = image.get_clim()
+        ends = [float(low or 1.0), 1.0, float(high or 1.0)]
         bar.set_ticks(ends, labels=[f"{end:.2g}" for end in ends])
         bar.minorticks_off()
     for (row, column), value in np.ndenumerate(field):

@@ -3,8 +3,11 @@
 """Paths, covariances and the map in the viewer's world."""
 
 import numpy as np
+from matplotlib import colormaps
 from numpy.typing import NDArray
 
+from vislam_ros.core.geometry import se3
+from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.data.evaluation.laid_paths import LaidPaths
 from vislam_ros.data.pictures import palette
 from vislam_ros.data.pictures.overview import map_covariances
@@ -33,14 +36,21 @@ def log_world(stream: Stream, results: Results, laid: LaidPaths) -> None:
     library = rerun()
     stream.log("world", library.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for path in laid.paths:
-        strip = library.LineStrips3D(
-            [path.positions.astype(np.float32)],
-            colors=[rgb(_COLOURS[path.name])],
-            radii=library.Radius.ui_points(1.5),
-        )
-        stream.log(f"world/{path.name.replace(' ', '_')}", strip, static=True)
-    _log_landmarks(stream, results)
+        log_path(stream, path.name, path.positions)
+    if results.landmarks is not None:
+        log_landmarks(stream, results.landmarks)
     _log_body(stream, results)
+
+
+def log_path(stream: Stream, name: str, positions: Array) -> None:
+    """Log a path (n, 3), metres, in place of one of that name that is there."""
+    library = rerun()
+    strip = library.LineStrips3D(
+        [positions.astype(np.float32)],
+        colors=[rgb(_COLOURS[name])],
+        radii=library.Radius.ui_points(1.5),
+    )
+    stream.log(f"world/{name.replace(' ', '_')}", strip, static=True)
 
 
 def rgb(colour: str) -> list[int]:
@@ -51,17 +61,15 @@ def rgb(colour: str) -> list[int]:
 
 def landmark_colours(std: Array) -> NDArray[np.uint8]:
     """Colours (n, 3) of deviations (n,), metres: bright where well known, by their logarithm."""
-    from matplotlib import colormaps
-
     level = np.log10(np.maximum(std, 1e-6))
     low, high = np.percentile(level, [2, 98])
     share = np.clip((level - low) / max(high - low, 1e-9), 0.0, 1.0)
     return (colormaps["viridis_r"](share)[:, :3] * 255).astype(np.uint8)
 
 
-def _log_landmarks(stream: Stream, results: Results) -> None:
-    landmarks = results.landmarks
-    if landmarks is None or not len(landmarks):
+def log_landmarks(stream: Stream, landmarks: LandmarkMap) -> None:
+    """Log a map in place of the one that is there: points by how well they are known."""
+    if not len(landmarks):
         return
     std = np.sqrt(np.maximum(np.linalg.eigvalsh(landmarks.covariances)[:, -1], 0.0))
     library = rerun()
@@ -70,9 +78,8 @@ def _log_landmarks(stream: Stream, results: Results) -> None:
         colors=landmark_colours(std),
         radii=library.Radius.ui_points(1.0),
     )
-    stream.log(
-        "world/landmarks", points, library.AnyValues(std_m=std, id=landmarks.ids), static=True
-    )
+    known = library.AnyValues(std_m=std, id=landmarks.ids)
+    stream.log("world/landmarks", points, known, static=True)
 
 
 def _log_body(stream: Stream, results: Results) -> None:
@@ -106,8 +113,6 @@ def _log_body(stream: Stream, results: Results) -> None:
 
 def ellipsoids(covariances: Array) -> tuple[Array, Array]:
     """Half axes (n, 3) of three deviations, and orientations (n, 4) x, y, z, w, of covariances."""
-    from vislam_ros.core.geometry import se3
-
     values, vectors = np.linalg.eigh(covariances)
     # Axes of eigenvectors may be left-handed, which no rotation is.
     vectors[:, :, 0] *= np.sign(np.linalg.det(vectors))[:, None]
