@@ -17,7 +17,7 @@ READY := $(VENV)/.ready
 # A ROS 2 installation is used where there is one, with the packages that it was built against;
 # elsewhere its wheels come with pip, and all versions are those of constraints.txt.
 ROS_SETUP := $(wildcard /opt/ros/jazzy/setup.bash)
-TOOLS := test,lint,colcon,dask,peers
+TOOLS := test,lint,colcon,dask,peers,report,view
 ifdef ROS_SETUP
 ENTER := source $(ROS_SETUP) &&
 VENV_OPTIONS := --system-site-packages

@@ -27,7 +27,7 @@ setup(
     license="Apache-2.0",
     keywords=["ROS", "SLAM", "EKF", "visual-inertial", "robotics"],
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed"], f"{PACKAGE}.data.report": ["page.css", "page.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -63,6 +63,7 @@ setup(
             "evo",
             "hypothesis",
             "lz4",
+            "playwright",
             "pytest>=7.4",
             "pytest-cov>=7.0",
             "pytest-timeout",
@@ -74,6 +75,9 @@ setup(
         "dask": ["distributed"],
         # GTSAM 4.2, the last for Python 3.10, does not go with numpy 2.
         "peers": ["gtsam>=4.3; python_version >= '3.11'"],
+        # Optional: `vislam report` and `vislam view`.
+        "report": ["plotly>=6.0"],
+        "view": ["rerun-sdk>=0.26; python_version >= '3.11'"],
         # Optional: tools/fuzz.py.
         "fuzz": ["atheris>=3.0; python_version >= '3.11'"],
         "lint": [

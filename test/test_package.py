@@ -38,10 +38,10 @@ ROSDEP_KEYS = {
     "rosbags": "python3-rosbags-pip",
 }
 # Test tools that rosdep has no key for; tests that want them skip without.
-PIP_ONLY = {"evo"}
+PIP_ONLY = {"evo", "playwright"}
 # Extras whose packages are imported only where they are asked for; rosdep need not know them.
-OPTIONAL_EXTRAS = ("dask", "fuzz", "peers")
-IMPORT_NAMES = {"opencv-python-headless": "cv2", "pyyaml": "yaml"}
+OPTIONAL_EXTRAS = ("dask", "fuzz", "peers", "report", "view")
+IMPORT_NAMES = {"opencv-python-headless": "cv2", "pyyaml": "yaml", "rerun-sdk": "rerun"}
 # The package itself, and a module that type checkers alone know.
 NEEDS_NO_DECLARATION = {"vislam_ros", "_typeshed"}
 

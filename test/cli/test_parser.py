@@ -6,6 +6,7 @@ import dataclasses
 import os
 import subprocess
 import sys
+from typing import get_args
 
 import pytest
 
@@ -17,6 +18,8 @@ from vislam_ros.data.datasets import conventions
 from vislam_ros.data.datasets.extrinsics import READINGS
 from vislam_ros.data.evaluation.alignment import ALIGNMENTS
 from vislam_ros.data.evaluation.association import MAX_DIFFERENCE
+from vislam_ros.data.evaluation.laid_paths import LAYINGS
+from vislam_ros.data.pictures.results import PictureFormat
 from vislam_ros.data.simulation.simulate import SimulationSettings
 from vislam_ros.data.trajectory_files import FILE_FORMATS
 from vislam_ros.nodes.player.options import PlayOptions
@@ -170,6 +173,8 @@ def test_choices_of_evaluation_are_those_of_the_evaluation():
     assert shared.ALIGNMENTS == ALIGNMENTS
     assert shared.MAX_DIFFERENCE == MAX_DIFFERENCE
     assert shared.FILE_FORMATS == FILE_FORMATS
+    assert shared.LAYINGS == LAYINGS
+    assert get_args(PictureFormat) == shared.PICTURE_FORMATS
 
 
 def test_loop_and_clock_need_no_number():

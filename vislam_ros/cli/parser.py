@@ -8,7 +8,14 @@ from vislam_ros import __version__
 from vislam_ros.cli.grammar.data import add_convert, add_inspect, add_simulate, add_track
 from vislam_ros.cli.grammar.estimation import add_run, add_solve, add_sweep
 from vislam_ros.cli.grammar.playing import add_play
-from vislam_ros.cli.grammar.results import add_evaluate, add_export, add_plot, add_verify
+from vislam_ros.cli.grammar.results import (
+    add_evaluate,
+    add_export,
+    add_plot,
+    add_report,
+    add_verify,
+    add_view,
+)
 from vislam_ros.cli.grammar.shared import RETURNS
 from vislam_ros.cli.grammar.suggestions import SuggestingParser
 
@@ -48,6 +55,8 @@ tab completion: eval "$(register-python-argcomplete vislam)"
         add_solve,
         add_evaluate,
         add_plot,
+        add_report,
+        add_view,
         add_export,
         add_verify,
         add_sweep,

@@ -4,7 +4,6 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from itertools import zip_longest
 from typing import Any
 
 from rich.console import Console
@@ -13,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vislam_ros.core.filters.quantities import OF_ROBOCENTRIC
+from vislam_ros.data.results.estimate_rows import estimate_rows
 from vislam_ros.errors import one_line
 
 _SUMMARY_ROWS = (
@@ -88,7 +88,7 @@ def print_summary(title: str, summary: Mapping[str, Any]) -> None:
         if value is None or value == {} or (key == "left_out" and not value):
             continue
         if key == "estimates":
-            rows.update(_estimate_rows(value))
+            rows.update(estimate_rows(value, OF_ROBOCENTRIC))
             continue
         if key == "refused":
             value = ", ".join(f"{count} {reason}" for reason, count in value.items())
@@ -96,17 +96,3 @@ def print_summary(title: str, summary: Mapping[str, Any]) -> None:
             value = "yes" if value else "no"
         rows[label] = style.format(value)
     print_table(title, rows)
-
-
-def _estimate_rows(estimates: Mapping[str, float | None]) -> dict[str, str]:
-    """Last values of what the filter estimates for the whole drive, with their deviations."""
-    rows = {}
-    for quantity in OF_ROBOCENTRIC:
-        texts = []
-        for name, std_name in zip_longest(quantity.names, quantity.std_names):
-            value, std = estimates.get(name), estimates.get(std_name)
-            if value is not None:
-                texts.append(f"{value:.3g}" if std is None else f"{value:.3g} ± {std:.2g}")
-        if texts:
-            rows[quantity.label] = ", ".join(texts)
-    return rows

@@ -37,8 +37,9 @@ def drawn(grid, seeds=(0,), truth=True):
 )
 def test_whatever_is_swept_stands_along_x(grid, label):
     figure = drawn(grid)
-    assert [axes.get_title() for axes in figure.axes] == ["ATE, aligned [m]", "NEES / 6"]
-    assert all(axes.get_xlabel() == label for axes in figure.axes)
+    fields = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+    assert [axes.get_title() for axes in fields] == ["ATE, aligned [m]", "NEES / 6"]
+    assert all(axes.get_xlabel() == label for axes in fields)
     assert picture_bytes(figure).startswith(b"\x89PNG")
 
 
@@ -46,6 +47,17 @@ def test_a_field_is_labelled_with_its_value_and_a_failed_one_with_a_dash():
     figure = drawn({**FRACTION, **GATE})
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert texts == ["1.5", "-", "1.5", "1.5", "1.5", "1.5"]
+
+
+def test_a_colour_bar_says_which_end_is_better():
+    errors, ratios = (axes for axes in drawn({**FRACTION, **GATE}).axes if not axes.get_title())
+    assert errors.get_ylabel().split()[0] == "better"
+    assert errors.get_ylim()[0] < errors.get_ylim()[1]  # and better, at its foot, is less
+    assert "1 is best" in ratios.get_ylabel()
+    low, high = ratios.get_ylim()
+    assert low * high == pytest.approx(1.0)  # half is as far from it as double
+    assert high == pytest.approx(2.0)
+    assert [label.get_text() for label in ratios.get_yticklabels()] == ["0.5", "1", "2"]
 
 
 def test_without_a_truth_consistency_is_drawn():

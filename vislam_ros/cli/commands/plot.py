@@ -22,6 +22,8 @@ def run(arguments: argparse.Namespace) -> int:
         reference,
         output=arguments.output,
         force=arguments.force,
+        laying=arguments.align,
+        picture_format=arguments.format,
     )
     for picture in pictures:
         answer(str(picture))

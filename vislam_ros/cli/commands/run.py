@@ -12,16 +12,17 @@ import signal
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from vislam_ros.cli.domain import local_graph, own_domain
 from vislam_ros.cli.ending import PassResults, print_passes, require_complete, tell_written
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.lines import tell
+from vislam_ros.cli.live_view import RunView, live_view, opened_viewer
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
 from vislam_ros.cli.played_bag import PlayedBag, renamed_topics
 from vislam_ros.cli.processes import Child, Children
@@ -42,6 +43,9 @@ from vislam_ros.data.results.recording import STOPPED, map_patience
 from vislam_ros.data.results.summary import has_ended, read_summary
 from vislam_ros.data.results.writer import pass_directories, refuse_used
 from vislam_ros.errors import OutputError, VislamError
+
+if TYPE_CHECKING:
+    from vislam_ros.data.viewing.live import LiveViewer
 
 NODES = ("imu_prediction_node", "slam_node", "recorder_node")
 
@@ -67,11 +71,15 @@ def run(arguments: argparse.Namespace) -> int:
     results: Path = arguments.out.resolve()
     refuse_used(results, force=arguments.force)
     error: BaseException | None = None
-    with _interruptible(), tempfile.TemporaryDirectory(prefix="vislam_run_") as scratch:
+    with (
+        _interruptible(),
+        tempfile.TemporaryDirectory(prefix="vislam_run_") as scratch,
+        opened_viewer(arguments.data.stem, wanted=arguments.view) as viewer,
+    ):
         bag = _bag(arguments, parameters, Path(scratch))
         _claim(results)
         try:
-            _run_graph(bag, results, parameters, arguments.rate, Path(scratch))
+            _run_graph(bag, results, parameters, arguments.rate, Path(scratch), viewer)
         except (KeyboardInterrupt, VislamError) as caught:
             error = caught
         passes = _end_summaries(results, started, arguments.data.stem, error)
@@ -159,7 +167,12 @@ def _bag(arguments: argparse.Namespace, parameters: RunParameters, scratch: Path
 
 
 def _run_graph(
-    bag: PlayedBag, results: Path, parameters: RunParameters, rate: float, scratch: Path
+    bag: PlayedBag,
+    results: Path,
+    parameters: RunParameters,
+    rate: float,
+    scratch: Path,
+    viewer: "LiveViewer | None",
 ) -> None:
     """Start the graph, wait until the recorder is done, and end it whatever happens."""
     recorder = {**parameters.given["recorder_node"], "directory": str(results), "force": True}
@@ -212,8 +225,8 @@ def _run_graph(
                         f"--rate={rate}",
                     ],
                 )
-                with progress_bar("running", bag.frames) as update:
-                    _watch(nodes, player, results, update)
+                with live_view(bag.frames) as update:
+                    _watch(nodes, player, results, RunView(update, viewer))
         finally:
             _ignore_interrupts()
             children.end(writer=recorder_node)
@@ -252,9 +265,7 @@ def _suspending(children: Children) -> Iterator[None]:
         signal.signal(signal.SIGTSTP, before)
 
 
-def _watch(
-    nodes: list[Child], player: Child, results: Path, update: Callable[[float, str], None]
-) -> None:
+def _watch(nodes: list[Child], player: Child, results: Path, view: RunView) -> None:
     """Wait until the recorder says how the run ended, with its last pass.
 
     Times are counted in looks at the processes, so that a run which was stopped as a whole goes on
@@ -282,7 +293,7 @@ def _watch(
                 )
         if looks % _LOOKS_A_SUMMARY == 0 and (summaries := _summaries(results)):
             steps, newest = sum(summary["steps"] for _, summary in summaries), summaries[-1][1]
-            update(steps, f"{newest['landmarks'] or 0} landmarks")
+            view.show(summaries)
             if str(newest["incomplete_reason"]).startswith(STOPPED):
                 raise VislamError("recorder_node was told to end")
             if has_ended(newest):

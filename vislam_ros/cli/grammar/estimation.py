@@ -40,15 +40,22 @@ def add_run(commands: Commands) -> None:
   vislam run fleet_bag --out results --namespace /robot1
   vislam run V1_01_easy --out results             images, through stereo_tracker_node
   vislam run drive.npz --out results --estimator localization --map before/landmarks.npz
+  vislam run drive.npz --out results --view       in the Rerun viewer while it goes on
 
-It says how to join its graph. Without ROS_DOMAIN_ID it takes a domain that nobody uses, and
-without ROS_AUTOMATIC_DISCOVERY_RANGE it is heard on this machine only. A node that dies or stands
-still for a second ends it.
+A terminal shows rate, latency, landmarks, position and verdict meanwhile. It says how to join its
+graph. Without ROS_DOMAIN_ID it takes a domain that nobody uses, and without
+ROS_AUTOMATIC_DISCOVERY_RANGE it is heard on this machine only. A node that dies or stands still
+for a second ends it.
 """,
     )
     _add_estimation(parser)
     add_tracks(parser, "track images first and play their tracks, which takes less room on disk")
     add_rate(parser)
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help="show it in the Rerun viewer meanwhile (pip install 'vislam_ros[view]')",
+    )
 
 
 def add_solve(commands: Commands) -> None:

@@ -8,11 +8,17 @@ from vislam_ros.cli.grammar.argument_types import number_from
 from vislam_ros.cli.grammar.shared import (
     ALIGNMENTS,
     FILE_FORMATS,
+    LAYINGS,
     MAX_DIFFERENCE,
     NO_OVERRIDES,
+    PICTURE_FORMATS,
     Commands,
     add_command,
     add_force,
+    add_motion,
+    add_namespace,
+    add_reading,
+    add_remap,
 )
 
 
@@ -107,16 +113,92 @@ def add_plot(commands: Commands) -> None:
     parser = add_command(
         commands,
         "plot",
-        "draw pictures of results",
+        "draw pictures of results: path and heights, steps, estimates, errors",
         """\
   vislam plot results
   vislam plot results --reference drive.tum --output pictures
+  vislam plot results --reference drive.tum --align first     how it drifts from the start
+  vislam plot results --format svg --output for_the_paper
+
+The errors beside the names of the paths are those of what is drawn: with --align se3 the ATE of
+`vislam evaluate`, with first the distances of paths that begin in the same pose.
 """,
     )
     parser.add_argument("directory", metavar="DIR", type=Path, help="of a run or solve")
     parser.add_argument("--reference", type=Path, metavar="REF.tum", help="draw this path, too")
+    parser.add_argument(
+        "--align",
+        choices=LAYINGS,
+        default="se3",
+        help="how each path is laid onto the reference: best fit (se3, yaw), first pose, not",
+    )
+    parser.add_argument("--format", choices=PICTURE_FORMATS, default="png", help="of the pictures")
     parser.add_argument("--output", type=Path, metavar="FOLDER", help="for the pictures (DIR)")
     add_force(parser)
+
+
+def add_report(commands: Commands) -> None:
+    """Add the command that writes a page."""
+    parser = add_command(
+        commands,
+        "report",
+        "write results as one HTML page with an interactive map, which opens offline",
+        """\
+  vislam report results                           results/report.html
+  vislam report results --reference drive.tum --output drive.html
+  vislam inspect drive.npz --json > results/findings.json; vislam report results --force
+
+It needs plotly: pip install 'vislam_ros[report]'. The page holds it and asks the network for
+nothing.
+""",
+    )
+    parser.add_argument("directory", metavar="DIR", type=Path, help="of a run or solve")
+    parser.add_argument("--reference", type=Path, metavar="REF", help="the truth, with errors")
+    parser.add_argument(
+        "--findings",
+        type=Path,
+        metavar="FILE",
+        help="what `vislam inspect --json` found in the data (DIR/findings.json)",
+    )
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE.html", help="the page (DIR/report.html)"
+    )
+    add_force(parser)
+
+
+def add_view(commands: Commands) -> None:
+    """Add the command that opens a viewer."""
+    parser = add_command(
+        commands,
+        "view",
+        "show results in the Rerun viewer: path, map, covariance, charts, images with tracks",
+        """\
+  vislam view results
+  vislam view results --reference drive.tum --data drive.npz      with the tracks
+  vislam view results --data V1_01_easy                           with images and tracks
+  vislam view results --save results.rrd                          for `rerun results.rrd` elsewhere
+
+It needs the viewer: pip install 'vislam_ros[view]'. Its program sends its makers anonymous usage
+data from the second start on, unless told `rerun analytics disable`.
+""",
+    )
+    parser.add_argument("directory", metavar="DIR", type=Path, help="of a run or solve")
+    parser.add_argument("--reference", type=Path, metavar="REF", help="the truth, with errors")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        metavar="DATA",
+        help="what was solved, for its tracks; images are tracked again",
+    )
+    add_motion(parser)
+    add_reading(parser)
+    add_namespace(parser, "namespace of the topics in a bag, as for solve")
+    add_remap(parser)
+    parser.add_argument(
+        "--save", type=Path, metavar="FILE.rrd", help="write this; no screen needed"
+    )
+    add_force(parser)
+    parser.set_defaults(params=None, **NO_OVERRIDES)
 
 
 def add_verify(commands: Commands) -> None:

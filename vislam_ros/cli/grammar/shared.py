@@ -20,7 +20,9 @@ EXTRINSICS = ("auto", "imu-to-optical", "flu-to-imu", "optical-to-imu", "imu-to-
 # Likewise of vislam_ros.data.evaluation and of vislam_ros.data.trajectory_files.
 ALIGNMENTS = ("se3", "yaw", "none")
 MAX_DIFFERENCE = 0.01
+LAYINGS = (*ALIGNMENTS, "first")
 FILE_FORMATS = ("tum", "euroc", "kitti")
+PICTURE_FORMATS = ("png", "svg")
 
 #: Flags that are put over a parameter file, for a command that has none of them.
 NO_OVERRIDES = {

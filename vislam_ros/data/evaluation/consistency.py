@@ -21,11 +21,27 @@ _SINGULAR = 1e-12
 SHARE_INSIDE = 0.95
 
 
+def pose_errors(T_reference: Array, T_estimate: Array) -> Array:
+    """Errors ``xi = Log(T_hat^-1 T)`` of poses, both first poses being the identity.
+
+    Parameters
+    ----------
+    T_reference, T_estimate : ndarray, (n, 4, 4)
+
+    Returns
+    -------
+    ndarray, (n, 6)
+        ``[rho; theta]`` in the estimate's body axes, metres and radians.
+    """
+    T_reference = se3.inverse(T_reference[0]) @ T_reference
+    T_estimate = se3.inverse(T_estimate[0]) @ T_estimate
+    return se3.log(se3.inverse(T_estimate) @ T_reference)
+
+
 def normalised_errors(T_reference: Array, T_estimate: Array, covariances: Array) -> Array:
     """Normalised estimation error squared of each pose: ``xi^T Sigma^-1 xi / 6``.
 
-    ``xi = Log(T_hat^-1 T)`` with both trajectories moved so that their first pose is the
-    identity. A filter that knows its own error has a mean of 1.
+    ``xi`` is that of :func:`pose_errors`. A filter that knows its own error has a mean of 1.
 
     Parameters
     ----------
@@ -38,9 +54,7 @@ def normalised_errors(T_reference: Array, T_estimate: Array, covariances: Array)
     ndarray, (n,)
         NaN where the covariance is singular or not known.
     """
-    T_reference = se3.inverse(T_reference[0]) @ T_reference
-    T_estimate = se3.inverse(T_estimate[0]) @ T_estimate
-    xi = se3.log(se3.inverse(T_estimate) @ T_reference)
+    xi = pose_errors(T_reference, T_estimate)
     result = np.full(len(xi), np.nan)
     # The correlation matrix, free of units, tells whether the covariance has an inverse.
     variances = np.diagonal(covariances, axis1=1, axis2=2)
@@ -54,6 +68,13 @@ def normalised_errors(T_reference: Array, T_estimate: Array, covariances: Array)
     return result
 
 
+def chi_square_band(dof: NDArray[np.int64] | int) -> tuple[Array, Array]:
+    """Bounds of chi-square by its degrees of freedom that hold 95 %, two-sided; at least one."""
+    outside = (1 - SHARE_INSIDE) / 2
+    dof = np.asarray(dof)
+    return chi2.ppf(outside, dof) / dof, chi2.ppf(1 - outside, dof) / dof
+
+
 def nees_bounds() -> tuple[float, float]:
     """Bounds of the NEES by its 6 degrees of freedom that hold 95 % of an honest filter's poses.
 
@@ -62,9 +83,8 @@ def nees_bounds() -> tuple[float, float]:
     drive's poses belong together, so they bound the drive's mean, too; how much narrower its own
     bounds are depends on how many of the errors are independent.
     """
-    outside = (1 - SHARE_INSIDE) / 2
-    low, high = (float(chi2.ppf(share, _DOF)) / _DOF for share in (outside, 1 - outside))
-    return low, high
+    low, high = chi_square_band(_DOF)
+    return float(low), float(high)
 
 
 def consistency_figures(nees: Array) -> dict[str, Any]:

@@ -55,8 +55,12 @@ OWNED_FILES = (
     "params.yaml",
     "summary.json",
     "results.mcap",
-    "trajectory.png",
-    "steps.png",
+    *(
+        f"{name}.{kind}"
+        for name in ("trajectory", "steps", "estimates", "errors")
+        for kind in ("png", "svg")
+    ),
+    "report.html",
 )
 
 _REFRESH_PERIOD = 1.0  # seconds

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
@@ -27,6 +27,7 @@ _LABELS = {
 _WITH_TRUTH, _WITHOUT = ("ate_m", "nees_per_dof"), ("nis_per_dof", "rejected_fraction")
 #: A consistent filter has these at one.
 _IDEAL_ONE = ("nees_per_dof", "nis_per_dof")
+_LEAST_RATIO = 2.0  # colours of ratios reach at least so far, so that noise is pale
 _LOG_SPAN = 20.0  # values that span more than this are drawn on a logarithmic scale
 
 
@@ -148,11 +149,15 @@ def _draw_fields(axes: Axes, plan: SweepPlan, points: Sequence[PointResult], nam
     field: NDArray[np.float64] = np.array(
         [np.nan if mean is None else mean for mean in means]
     ).reshape(len(rows), len(columns))
-    low, high = float(np.nanmin(field)), float(np.nanmax(field))
-    logarithmic = low > 0 and high / low > _LOG_SPAN
-    norm = LogNorm(low, high) if logarithmic else Normalize(low, high)
-    colours = matplotlib.colormaps[palette.FIELD]
-    axes.imshow(field, norm=norm, cmap=colours, aspect="auto")
+    norm, colours, words = _scale(field, name)
+    image = axes.imshow(field, norm=norm, cmap=colours, aspect="auto")
+    bar = axes.figure.colorbar(image, ax=axes)
+    bar.set_label(words)
+    if name in _IDEAL_ONE:
+        low, high = image.get_clim()
+        ends = [float(low or 1.0), 1.0, float(high or 1.0)]
+        bar.set_ticks(ends, labels=[f"{end:.2g}" for end in ends])
+        bar.minorticks_off()
     for (row, column), value in np.ndenumerate(field):
         text, colour = "-", palette.REFERENCE
         if np.isfinite(value):
@@ -163,6 +168,20 @@ def _draw_fields(axes: Axes, plan: SweepPlan, points: Sequence[PointResult], nam
     axes.set_xticks(range(len(columns)), columns)
     axes.set_yticks(range(len(rows)), rows)
     axes.set(xlabel=along, ylabel=others[0] if len(others) == 1 else "")
+
+
+def _scale(field: NDArray[np.float64], name: str) -> tuple[Normalize, Colormap, str]:
+    """Norm and colours of a field of values, and in words which of them are the better ones."""
+    low, high = float(np.nanmin(field)), float(np.nanmax(field))
+    if name in _IDEAL_ONE and low > 0:
+        # Half as much is as wrong as twice as much; 1 is in the middle, and pale.
+        widest = max(high, 1.0 / low, _LEAST_RATIO)
+        words = "too cautious  ←  1 is best  →  too sure"
+        return LogNorm(1.0 / widest, widest), matplotlib.colormaps[palette.ABOUT_ONE], words
+    logarithmic = low > 0 and high / low > _LOG_SPAN
+    norm = LogNorm(low, high) if logarithmic else Normalize(low, high)
+    words = "better  ←  →  worse" if name != "rejected_fraction" else "fewer  ←  →  more"
+    return norm, matplotlib.colormaps[palette.FIELD], words
 
 
 def _short(setting: str) -> str:
