@@ -35,8 +35,8 @@ PYTHONS ?= python3.10 python3.11 python3.12 python3.13
 CORE_FLOOR := 98
 DATA_FLOOR := 97
 
-DRIVE := results/demo_drive.npz
-TRUTH := results/demo_drive.tum
+IMAGES := results/demo_images
+TRUTH := $(IMAGES)/truth.tum
 DEMO := results/demo
 
 # Of `make report` and `make bench`: a dataset or bag, and the truth about it. Empty simulates a
@@ -48,13 +48,14 @@ REFERENCE ?= $(wildcard $(dir $(DATA))ground_truth/$(basename $(notdir $(DATA)))
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-demo: $(READY) ## simulate a drive, run it live through the nodes, judge it: results/demo
+demo: $(READY) ## draw stereo images of a drive, run them live through the nodes, judge it: results/demo
 	@mkdir -p results
-	@$(ENTER) $(BIN)/vislam simulate $(DRIVE) --seed 1 --force
-	@$(ENTER) $(BIN)/vislam run $(DRIVE) --rate 0 --out $(DEMO) --force
+	@$(ENTER) $(BIN)/vislam simulate $(IMAGES) --images --seed 1 --force
+	@$(ENTER) $(BIN)/vislam run $(IMAGES) --rate 0 --out $(DEMO) --force
+	@$(ENTER) $(BIN)/vislam track $(IMAGES) results/demo_tracks.npz --picture $(DEMO)/tracks.png --force
 	@$(ENTER) $(BIN)/vislam plot $(DEMO) --reference $(TRUTH) --force
 	@$(ENTER) $(BIN)/vislam evaluate $(DEMO) --reference $(TRUTH)
-	@echo 'See $(DEMO)/trajectory.png'
+	@echo 'See $(DEMO)/trajectory.png and $(DEMO)/tracks.png'
 
 report: $(READY) ## draw the report's figures 2 to 6: results/report; DATA=... REFERENCE=...
 	@$(ENTER) $(BIN)/python tools/reproduce_report.py $(DATA) --force \

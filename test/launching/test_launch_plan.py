@@ -64,6 +64,18 @@ def test_a_robot_gets_the_two_nodes_and_what_it_asks_for() -> None:
     assert plan["rviz2"].package == "rviz2"
 
 
+def test_with_the_tracker_slam_node_hears_the_cameras_that_it_rectifies() -> None:
+    plan = by_name(planned(values(use_tracker="true", bag="bag")))
+    told = dict(plan["slam_node"].remappings)
+    assert told["stereo/left/camera_info"] == "stereo/rectified/left/camera_info"
+    assert len(told) == 3
+    assert plan["stereo_tracker_node"].remappings == ()
+    assert plan["stereo_tracker_node"].parameters["queue_size"] == 0
+    on_a_robot = by_name(planned(values(use_tracker="true")))
+    assert on_a_robot["stereo_tracker_node"].parameters["queue_size"] > 0
+    assert by_name(planned(values()))["slam_node"].remappings == ()
+
+
 def test_a_replay_has_the_player_last_and_simulated_time_has_its_clock() -> None:
     plan = planned(values(bag="drive_bag", rate="2.0", use_sim_time="true"))
     assert plan[-1].arguments == ("play", "drive_bag", "--rate", "2.0", "--clock")
@@ -96,16 +108,13 @@ def test_executables_and_their_parameters_exist() -> None:
     plan = planned(values(use_tracker="true", results="run", bag="bag"))
     setup = (REPOSITORY / "setup.py").read_text()
     for process in plan:
-        assert f'"{process.executable} = ' in setup or process.executable in NOT_HERE_YET
+        assert f'"{process.executable} = ' in setup
         if process.executable in SETTINGS_OF_NODES:
             classes = SETTINGS_OF_NODES[process.executable]
             known = {field.name for cls in classes for field in dataclasses.fields(cls)}
             if process.executable == "slam_node":
                 known |= setting_owners({}).keys()
             assert process.parameters.keys() <= known | {"use_sim_time"}
-
-
-NOT_HERE_YET = {"stereo_tracker_node"}
 
 
 @pytest.fixture

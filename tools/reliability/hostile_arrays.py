@@ -17,7 +17,7 @@ Arrays = dict[str, NDArray[Any]]
 _ABSURD: Mapping[str, Any] = {
     "velocity of 1e30": ("linear_velocity", 1e30),
     "angular velocity of 1e200": ("angular_velocity", 1e200),
-    "velocity of NaN": ("linear_velocity", np.nan),
+    "velocity of infinity": ("linear_velocity", np.inf),
     "focal length of 1e300": ("K", np.diag([1e300, 1e300, 1.0])),
     "focal length of 1e-300": ("K", np.diag([1e-300, 1e-300, 1.0])),
     "baseline of 1e-300": ("b", np.array(1e-300)),

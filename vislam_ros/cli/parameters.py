@@ -120,6 +120,9 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
         own = node_parameters(content, node)
         flags = overrides_of.get(node, {})
         own.update({name: value for name, value in flags.items() if value is not None})
+        if node == TRACKER:
+            # A file that does not speak of it means slam_node's frames for it, too.
+            own = {**_among(given["slam_node"], ("base_frame", "camera_frame")), **own}
         try:
             known = _known(node, {**everyones, **own})
             given[node] = {**_among(everyones, known | _of_every_node(everyones)), **own}

@@ -10,7 +10,7 @@ from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
 from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.bags.reader import DEFAULT_RULES, ReadingRules, read_passes
 from vislam_ros.data.datasets import npz
-from vislam_ros.data.datasets.array_stream import open_arrays
+from vislam_ros.data.datasets.arrays.array_stream import open_arrays
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import format_of, read_dataset
 from vislam_ros.data.images.bags import reader as bag

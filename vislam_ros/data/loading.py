@@ -121,10 +121,11 @@ def load_images(
     namespace: str = "",
     tracker: TrackerSettings | None = None,
     progress: Progress | None = None,
+    picture: Path | None = None,
 ) -> Drive:
     """Track features through images, see :func:`vislam_ros.data.image_sources.read_images`.
 
-    A bag's damage is not looked for here.
+    A bag's damage is not looked for here. The tracks in the middle image are drawn to ``picture``.
     """
     images = read_images(
         path,
@@ -135,6 +136,12 @@ def load_images(
         namespace=namespace,
     )
     # OpenCV takes a while to import, which others need not wait for.
+    from vislam_ros.data.images.track_picture import TrackPicture
     from vislam_ros.data.images.tracking import tracked_drive
 
-    return tracked_drive(images, tracker, progress=progress)
+    if picture is None:
+        return tracked_drive(images, tracker, progress)
+    drawn = TrackPicture(len(images) // 2)
+    drive = tracked_drive(images, tracker, progress, drawn.add)
+    drawn.write(picture)
+    return drive

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from vislam_ros.data.bags import layout
+from vislam_ros.data.bags.calibration import RECTIFIED_RULES
 from vislam_ros.data.files.parameter_file import Parameters, node_parameters, read_parameters
 from vislam_ros.errors import SettingsError
 
@@ -120,10 +121,14 @@ def _nodes(values: Mapping[str, str], given: Parameters) -> Iterator[Process]:
         parameters = node_parameters(given, name) | {"use_sim_time": _on(values, "use_sim_time")}
         if name == "recorder_node":
             parameters |= {"directory": values["results"], "force": _on(values, "force")}
+        if name == "stereo_tracker_node" and values["bag"]:
+            parameters["queue_size"] = 0  # no image of a bag is to be lost
+        of_tracker = name == "slam_node" and _on(values, "use_tracker")
         yield Process(
             name,
             namespace=values["namespace"],
             parameters=parameters,
+            remappings=RECTIFIED_RULES if of_tracker else (),
             ros_arguments=("--log-level", values["log_level"]),
             patience=RECORDER_SECONDS if values["results"] else 5,
         )

@@ -21,6 +21,7 @@ def simulate(*words):
 
 
 def error_line(capsys, *words):
+    capsys.readouterr()
     assert simulate(*words) == 1
     (line,) = capsys.readouterr().err.splitlines()
     return line

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vislam_ros.data.datasets.array_stream import ArrayStream
+from vislam_ros.data.datasets.arrays.array_stream import ArrayStream
 from vislam_ros.data.datasets.sparse_features import gather_observations, rectified
 from vislam_ros.data.drive import image_size_that_holds
 

@@ -195,7 +195,8 @@ def available(rows: Sequence[BatteryRow], data: Path) -> tuple[list[BatteryRow],
     """Split rows into those that can be solved and the names of the drives that others lack."""
     names = {row.drive for row in rows if isinstance(row, Recorded)}
     missing = {name for name in names if not all(map(Path.is_file, files_of(data, name)))}
-    if not images_beside(data).is_dir():
+    imagery = {row.scene for row in rows if isinstance(row, Imaged)}
+    if RECORDED_IMAGES in imagery and not images_beside(data).is_dir():
         missing.add(RECORDED_IMAGES)
     solvable = [
         row

@@ -29,9 +29,9 @@ from vislam_ros.cli.processes import Child, Children
 from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.bag_messages import is_bag
-from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
+from vislam_ros.data.bags.calibration import RECTIFIED_RULES
 from vislam_ros.data.bags.integrity import require_intact
-from vislam_ros.data.bags.layout import LEFT_COMPRESSED, RECTIFIED_CALIBRATION
+from vislam_ros.data.bags.layout import LEFT_COMPRESSED
 from vislam_ros.data.bags.reader import check_readable
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.json_file import write_json
@@ -49,12 +49,7 @@ if TYPE_CHECKING:
 
 NODES = ("imu_prediction_node", "slam_node", "recorder_node")
 
-# slam_node takes the cameras of the features, and not those of the images.
-_OF_RECTIFIED = tuple(
-    word
-    for raw, rectified in zip(CALIBRATION_TOPICS, RECTIFIED_CALIBRATION, strict=True)
-    for word in ("-r", f"{raw.name}:={rectified.name}")
-)
+_OF_RECTIFIED = tuple(word for rule in RECTIFIED_RULES for word in ("-r", ":=".join(rule)))
 
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = "the run was interrupted"

@@ -14,12 +14,15 @@ from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.datasets.tracks_file import check_tracks_output, write_tracks
+from vislam_ros.data.files.whole_file import refuse_existing
 from vislam_ros.data.loading import load_images
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     check_tracks_output(arguments.output, force=arguments.force)
+    if arguments.picture is not None:
+        refuse_existing(arguments.picture, force=arguments.force)
     use_format(arguments)
     if is_bag(arguments.data):
         require_intact(arguments.data)
@@ -31,6 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
             topics=renamed_topics(arguments),
             namespace=arguments.namespace,
             progress=lambda share: update(share, ""),
+            picture=arguments.picture,
         )
     print_notes(drive)
     write_tracks(arguments.output, drive, force=arguments.force)

@@ -161,6 +161,9 @@ def add_track(commands: Commands) -> None:
         help="EuRoC/ASL or KITTI folder, course file with its _imgs.npy, or bag with images",
     )
     parser.add_argument("output", metavar="OUT.npz", type=Path, help="dataset of tracks to make")
+    parser.add_argument(
+        "--picture", type=Path, metavar="FILE.png", help="draw the tracks in the middle image"
+    )
     add_motion(parser)
     add_reading(parser)
     add_namespace(parser, "namespace of one robot among others in a bag, such as /robot1")

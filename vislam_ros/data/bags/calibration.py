@@ -12,7 +12,14 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.decoding import Projection
-from vislam_ros.data.bags.layout import EXTRINSICS, LEFT_CAMERA, RIGHT_CAMERA, Frames, Topic
+from vislam_ros.data.bags.layout import (
+    EXTRINSICS,
+    LEFT_CAMERA,
+    RECTIFIED_CALIBRATION,
+    RIGHT_CAMERA,
+    Frames,
+    Topic,
+)
 
 Array = NDArray[np.float64]
 
@@ -25,6 +32,13 @@ def differences(before: StereoCamera, after: StereoCamera) -> str:
 
 
 CALIBRATION_TOPICS = (LEFT_CAMERA, RIGHT_CAMERA, EXTRINSICS)
+
+RECTIFIED_RULES = tuple(
+    (raw.name, rectified.name)
+    for raw, rectified in zip(CALIBRATION_TOPICS, RECTIFIED_CALIBRATION, strict=True)
+)
+"""What slam_node is to hear in place of what, where a tracker makes its features: their cameras,
+and not those of the images."""
 
 
 class Calibration:

@@ -90,9 +90,11 @@ EXTRINSICS = Topic(
 LEFT_IMAGE = Topic("stereo/left/image_raw", "sensor_msgs/msg/Image", stream=Stream.LEFT_IMAGE)
 RIGHT_IMAGE = Topic("stereo/right/image_raw", "sensor_msgs/msg/Image", stream=Stream.RIGHT_IMAGE)
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
-LEFT_COMPRESSED, RIGHT_COMPRESSED = (
-    replace(topic, name=f"{topic.name}/compressed", msgtype=COMPRESSED_IMAGE)
-    for topic in (LEFT_IMAGE, RIGHT_IMAGE)
+LEFT_COMPRESSED = Topic(
+    "stereo/left/image_raw/compressed", COMPRESSED_IMAGE, stream=Stream.LEFT_IMAGE
+)
+RIGHT_COMPRESSED = Topic(
+    "stereo/right/image_raw/compressed", COMPRESSED_IMAGE, stream=Stream.RIGHT_IMAGE
 )
 STATIC_TRANSFORMS = Topic("tf_static", "tf2_msgs/msg/TFMessage", LATCHED_QOS)
 GROUND_TRUTH = Topic("ground_truth/odometry", "nav_msgs/msg/Odometry")
@@ -113,9 +115,10 @@ corrects."""
 IMAGES = (LEFT_IMAGE, RIGHT_IMAGE, LEFT_COMPRESSED, RIGHT_COMPRESSED)
 """What stereo_tracker_node makes features of, in place of the features of a drive."""
 
-RECTIFIED_CALIBRATION = tuple(
-    replace(topic, name=f"stereo/rectified/{topic.name.removeprefix('stereo/')}")
-    for topic in (LEFT_CAMERA, RIGHT_CAMERA, EXTRINSICS)
+RECTIFIED_CALIBRATION = (
+    replace(LEFT_CAMERA, name="stereo/rectified/left/camera_info"),
+    replace(RIGHT_CAMERA, name="stereo/rectified/right/camera_info"),
+    replace(EXTRINSICS, name="stereo/rectified/extrinsics"),
 )
 """Both camera infos and the extrinsics of the images as stereo_tracker_node has rectified them."""
 

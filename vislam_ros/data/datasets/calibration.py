@@ -17,7 +17,7 @@ from vislam_ros.core.geometry.pixel_rectification import (
     rectified_pair,
 )
 from vislam_ros.core.ranges import BASELINE, FOCAL_LENGTH, MOUNT, PRINCIPAL_POINT
-from vislam_ros.data.datasets.array_stream import Arrays
+from vislam_ros.data.datasets.arrays.array_stream import Arrays
 from vislam_ros.data.datasets.conventions import CLEARLY_SMALLER, MIN_RESIDUALS
 from vislam_ros.data.datasets.extrinsics import READINGS
 from vislam_ros.data.datasets.members import finite, wrong_shape

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.data.datasets.array_stream import Arrays
+from vislam_ros.data.datasets.arrays.array_stream import Arrays
 from vislam_ros.errors import VislamError
 
 

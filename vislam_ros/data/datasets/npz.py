@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.ranges import GAP, LARGEST_PIXEL, POSITION, TURN_RATE, VELOCITY, Range
-from vislam_ros.data.datasets.array_stream import Arrays, open_arrays
+from vislam_ros.data.datasets.arrays.array_stream import Arrays, open_arrays
 from vislam_ros.data.datasets.calibration import read_pairs
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions, settle_conventions
 from vislam_ros.data.datasets.extrinsics import Candidate, choose_reading

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.ranges import LARGEST_PIXEL
-from vislam_ros.data.datasets.array_stream import ArrayStream
+from vislam_ros.data.datasets.arrays.array_stream import ArrayStream
 from vislam_ros.errors import VislamError
 
 ABSENT = -1.0

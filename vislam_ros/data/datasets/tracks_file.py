@@ -34,7 +34,7 @@ from vislam_ros.core.ranges import (
     TURN_RATE,
     VELOCITY,
 )
-from vislam_ros.data.datasets.array_stream import Arrays, open_arrays
+from vislam_ros.data.datasets.arrays.array_stream import Arrays, open_arrays
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory

@@ -104,7 +104,8 @@ def laid_paths(
     own = [("estimate", results.trajectory)]
     if results.smoothed is not None:
         own.append(("smoothed", results.smoothed))
-    if results.dead_reckoning is not None:
+    # Where a gyroscope alone measures the motion, it stays where it was, and is no path.
+    if results.dead_reckoning is not None and results.dead_reckoning.positions.any():
         own.append(("dead reckoning", results.dead_reckoning))
     if reference is None:
         return LaidPaths(tuple(LaidPath(name, t.stamps, t.positions) for name, t in own))

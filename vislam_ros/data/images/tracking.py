@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The front end offline: a drive in images to a drive in tracks."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,12 +14,16 @@ from vislam_ros.data.images.stereo_images import StereoImages
 from vislam_ros.data.images.told_rig import ToldRig
 from vislam_ros.frontend.pair_tracker import PairTracker
 from vislam_ros.frontend.settings import TrackerSettings
+from vislam_ros.frontend.tracker import Tracked
+
+OnPair = Callable[[NDArray[np.uint8], Tracked], None]
 
 
 def tracked_drive(
     images: StereoImages,
     settings: TrackerSettings | None = None,
     progress: Progress | None = None,
+    on_pair: OnPair | None = None,
 ) -> Drive:
     """Track features through images, one pair in memory at a time.
 
@@ -30,6 +36,8 @@ def tracked_drive(
     settings : TrackerSettings, optional
     progress : callable, optional
         Told the share done, 0 to 1.
+    on_pair : callable, optional
+        Called with the rectified left image (H, W) of each pair, and what was seen in it.
 
     Returns
     -------
@@ -57,6 +65,8 @@ def tracked_drive(
             turn = turning.turn_between(before, stamp)
         tracked = tracker.track(left, right, turn)
         before = stamp
+        if on_pair is not None and tracker.left is not None:
+            on_pair(tracker.left, tracked)
         if not tracked.repeated:
             stamps.append(stamp)
             ids.append(tracked.ids)

@@ -9,7 +9,7 @@ import numpy as np
 
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.ranges import POSITION
-from vislam_ros.data.datasets.array_stream import open_arrays
+from vislam_ros.data.datasets.arrays.array_stream import open_arrays
 from vislam_ros.data.files.whole_file import replace_file
 from vislam_ros.errors import VislamError
 

@@ -2,7 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 from pathlib import Path
 
-from benchmark.battery.rows import Recorded, all_rows, available, files_of, quick_rows
+from benchmark.battery.rows import (
+    Imaged,
+    Recorded,
+    Simulated,
+    all_rows,
+    available,
+    files_of,
+    images_beside,
+    quick_rows,
+)
 
 
 def test_there_are_many_rows_and_each_has_a_name_of_its_own() -> None:
@@ -14,10 +23,14 @@ def test_there_are_many_rows_and_each_has_a_name_of_its_own() -> None:
 
 def test_a_row_needs_its_drive_and_its_reference(tmp_path: Path) -> None:
     whole, half = Recorded("0020"), Recorded("0022", quarter=1)
-    simulated = [row for row in all_rows() if not isinstance(row, Recorded)]
-    for file in (*files_of(tmp_path, "0020"), files_of(tmp_path, "0022")[0]):
-        file.parent.mkdir(exist_ok=True)
+    simulated = [row for row in all_rows() if isinstance(row, Simulated)]
+    data = tmp_path / "data"
+    for file in (*files_of(data, "0020"), files_of(data, "0022")[0]):
+        file.parent.mkdir(parents=True, exist_ok=True)
         file.touch()
-    solvable, missing = available([whole, half, *simulated], tmp_path)
-    assert solvable == [whole, *simulated]
-    assert missing == ["0022"]
+    drawn, recorded = Imaged("street"), Imaged("kitti_0020")
+    solvable, missing = available([whole, half, *simulated, drawn, recorded], tmp_path / "data")
+    assert solvable == [whole, *simulated, drawn]
+    assert missing == ["0022", "kitti_0020"]
+    images_beside(tmp_path / "data").mkdir(parents=True)
+    assert available([drawn, recorded], tmp_path / "data") == ([drawn, recorded], [])

@@ -18,9 +18,9 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from vislam_ros.data.datasets.pickle_limits import MOST_OPCODES
-from vislam_ros.data.datasets.restricted_pickle import load_plain
-from vislam_ros.data.datasets.stored_array import StoredArray, StoredBytes
+from vislam_ros.data.datasets.arrays.pickle_limits import MOST_OPCODES
+from vislam_ros.data.datasets.arrays.restricted_pickle import load_plain
+from vislam_ros.data.datasets.arrays.stored_array import StoredArray, StoredBytes
 from vislam_ros.data.files.inputs import open_input
 from vislam_ros.errors import VislamError
 

@@ -18,8 +18,12 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.data.datasets.pickle_limits import Claims, check_claims
-from vislam_ros.data.datasets.stored_array import StoredArray, StoredBytes, without_large_bytes
+from vislam_ros.data.datasets.arrays.pickle_limits import Claims, check_claims
+from vislam_ros.data.datasets.arrays.stored_array import (
+    StoredArray,
+    StoredBytes,
+    without_large_bytes,
+)
 from vislam_ros.errors import VislamError
 
 _KINDS = "biufcSU"  # numbers and text: whatever a dtype can say without pointers

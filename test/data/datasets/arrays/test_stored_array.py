@@ -10,10 +10,10 @@ import sys
 import numpy as np
 import pytest
 
-from vislam_ros.data.datasets.array_stream import CHUNK_BYTES, open_arrays
-from vislam_ros.data.datasets.pickle_limits import LARGE
-from vislam_ros.data.datasets.restricted_pickle import load_plain
-from vislam_ros.data.datasets.stored_array import StoredArray
+from vislam_ros.data.datasets.arrays.array_stream import CHUNK_BYTES, open_arrays
+from vislam_ros.data.datasets.arrays.pickle_limits import LARGE
+from vislam_ros.data.datasets.arrays.restricted_pickle import load_plain
+from vislam_ros.data.datasets.arrays.stored_array import StoredArray
 from vislam_ros.errors import VislamError
 
 PROTOCOLS = range(3, pickle.HIGHEST_PROTOCOL + 1)  # earlier ones write bytes as text
@@ -109,7 +109,7 @@ def test_a_file_is_read_in_a_fraction_of_its_size(tmp_path):
     # ru_maxrss would count the parent before exec, too.
     program = (
         "import sys; from pathlib import Path\n"
-        "from vislam_ros.data.datasets.array_stream import open_arrays\n"
+        "from vislam_ros.data.datasets.arrays.array_stream import open_arrays\n"
         "from vislam_ros.data.datasets.sparse_features import gather_observations\n"
         "def kilobytes(name):\n"
         "    lines = Path('/proc/self/status').read_text().splitlines()\n"

@@ -19,7 +19,7 @@ from hypothesis.extra import numpy as st_numpy
 from numpy import ndarray
 from numpy.typing import NDArray
 
-from vislam_ros.data.datasets.restricted_pickle import load_plain
+from vislam_ros.data.datasets.arrays.restricted_pickle import load_plain
 from vislam_ros.errors import VislamError
 
 PROTOCOLS = range(pickle.HIGHEST_PROTOCOL + 1)

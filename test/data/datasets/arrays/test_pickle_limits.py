@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vislam_ros.data.datasets.pickle_limits import (
+from vislam_ros.data.datasets.arrays.pickle_limits import (
     MOST_OPCODES,
     MOST_SHARED_TUPLES,
     MOST_TUPLES,
     check_claims,
 )
-from vislam_ros.data.datasets.restricted_pickle import load_plain
+from vislam_ros.data.datasets.arrays.restricted_pickle import load_plain
 from vislam_ros.errors import VislamError
 
 PROTOCOLS = range(pickle.HIGHEST_PROTOCOL + 1)

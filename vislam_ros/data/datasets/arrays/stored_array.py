@@ -16,7 +16,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from vislam_ros.data.datasets.pickle_limits import Claims
+from vislam_ros.data.datasets.arrays.pickle_limits import Claims
 
 
 @dataclass(frozen=True)
