@@ -185,7 +185,8 @@ class Player(Node):
 
     def _wait_for_subscribers(self) -> None:
         motion = TWIST if TWIST in self._by_role else IMU
-        needed = {motion: self.options.subscribers, FEATURES: self.options.subscribers}
+        roles = (motion, FEATURES, *(o.role for o in self._for_tracker if o.role in IMAGES))
+        needed = {role: self.options.subscribers for role in roles if role is not None}
         # What is kept for those who come later need not wait for them.
         needed.update(dict.fromkeys(CALIBRATION_TOPICS, 1))
         waiting = [
