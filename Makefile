@@ -94,7 +94,7 @@ clean: ## remove everything that was made, the virtual environment too
 $(READY): setup.py constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	  { echo 'error: Python 3.10 or later is needed: make PYTHON=/path/to/python3'; exit 1; }
-	@echo 'Setting up $(VENV) (once; about 1.1 GB)'
+	@echo 'Setting up $(VENV) (once; about 2.2 GB)'
 	@$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
 	@$(ENTER) $(BIN)/pip install --disable-pip-version-check --use-pep517 $(PACKAGES) \
 	  >$(VENV)/pip.log 2>&1 || { cat $(VENV)/pip.log; exit 1; }

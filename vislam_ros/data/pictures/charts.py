@@ -82,16 +82,18 @@ def _of_steps(results: Results) -> Iterator[Chart]:
     steps, seconds = results.steps, _seconds(results)
     if not len(seconds):
         return
+    # A frozen frame uses none, which says nothing of the others.
+    used = np.where(steps["frozen"], np.nan, steps["used"])
     yield Chart(
         "landmarks",
         "landmarks",
         [
-            Line(name, seconds, steps[name], colour)
-            for name, colour in (
-                ("observed", palette.OBSERVED),
-                ("active", palette.SMOOTHED),
-                ("used", palette.ESTIMATE),
-                ("rejected", palette.END),
+            Line(name, seconds, values, colour)
+            for name, values, colour in (
+                ("observed", steps["observed"], palette.OBSERVED),
+                ("active", steps["active"], palette.SMOOTHED),
+                ("used", used, palette.ESTIMATE),
+                ("rejected", steps["rejected"], palette.END),
             )
         ],
         limits=(0.0, None),

@@ -130,7 +130,7 @@ def reproduction_html(results: Results, reference: Path | None) -> str:
     digest = hashlib.sha256(trajectory.read_bytes()).hexdigest()
     parameters = str(results.directory / "params.yaml")
     lines = [
-        f"pip install vislam_ros=={__version__}",
+        f"# vislam_ros {__version__}",
         shlex.join(["vislam", "solve", "DATA", "--out", "again", "--params", parameters]),
         "sha256sum again/trajectory.tum",
     ]
