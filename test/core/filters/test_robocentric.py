@@ -74,15 +74,21 @@ def assert_map_is_told(
         assert_allclose(covariances[i], covariance, rtol=0, atol=10 * tolerance * size)
 
 
-@pytest.mark.parametrize("kind", ["white", "offsets", "gyroscope", "stated"])
+TOLD = [
+    ((1.0,) * 4, {"gyro_bias_walk_std": 0.01, "prior_pose_variance": 1e-4, "pixel_gate": 5.0}),
+    ((1.0, 1.2, 0.9, 1.1), {"chi2_gate": 0.0, "retire_after": 1}),
+    ((1.0, 1.2, 0.9, 1.2), {"gyro_bias_std": 0.0, "lens_distortion_std": 0.0}),
+    ((0.2,) * 4, {"gyro_bias_std": 0.005}),
+    ((1.0,) * 4, {"learn_noise": False}),
+]
+
+
 @pytest.mark.parametrize(
-    ("pixel_variance", "changes"),
+    ("kind", "pixel_variance", "changes"),
     [
-        ((1.0,) * 4, {"gyro_bias_walk_std": 0.01, "prior_pose_variance": 1e-4, "pixel_gate": 5.0}),
-        ((1.0, 1.2, 0.9, 1.1), {"chi2_gate": 0.0, "retire_after": 1}),
-        ((1.0, 1.2, 0.9, 1.2), {"gyro_bias_std": 0.0, "lens_distortion_std": 0.0}),
-        ((0.2,) * 4, {"gyro_bias_std": 0.005}),
-        ((1.0,) * 4, {"learn_noise": False}),
+        *((kind, *told) for kind in ("white", "offsets") for told in TOLD),
+        *(("gyroscope", *told) for told in TOLD[1:3]),
+        *(("stated", *told) for told in TOLD[::2]),
     ],
 )
 def test_state_and_covariance_are_the_dense_filters(
