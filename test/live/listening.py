@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
@@ -62,19 +62,20 @@ class Listener(Node):
             raw=True,
         )
 
-    def answer_features(self, every: int) -> None:
-        """Answer every so many feature frames, and note how many were unanswered."""
+    def answer_features(self, every: int, topic: Topic = FEATURES) -> None:
+        """Answer every so many feature frames, or images, and note how many were unanswered."""
         odometry = self.create_publisher(Odometry, ODOMETRY.name, STREAM)
         waiting: list[Any] = []
 
-        def answer(message: PointCloud2) -> None:
+        def answer(message: PointCloud2 | Image) -> None:
             waiting.append(message.header)
             self.ahead.append(len(waiting))
             if len(waiting) == every:
                 odometry.publish(Odometry(header=waiting[-1]))
                 waiting.clear()
 
-        self.create_subscription(PointCloud2, FEATURES.recorded, answer, STREAM)
+        kind = message_class(topic.msgtype)
+        self.create_subscription(kind, topic.recorded, answer, STREAM)
 
     def _on_status(self, message: DiagnosticArray) -> None:
         self.states.append(conversions.status_values(message, "player"))

@@ -4,8 +4,16 @@
 
 import pytest
 
-from vislam_ros.data.bags.layout import FEATURES, IMU, PREDICTION, TWIST
+from vislam_ros.data.bags.layout import (
+    FEATURES,
+    IMU,
+    LEFT_IMAGE,
+    PREDICTION,
+    RIGHT_IMAGE,
+    TWIST,
+)
 from vislam_ros.data.results.completeness import (
+    TRACKER,
     Ledger,
     NodeReport,
     describe_refused,
@@ -93,6 +101,24 @@ def test_what_should_have_come_and_did_not_makes_it_incomplete(imu, slam, steps,
 
 def test_a_topic_that_a_node_does_not_hear_does_not_count():
     assert ledger(sent={**SENT, IMU.name: 1000}).is_settled(steps=10)
+
+
+@pytest.mark.parametrize(
+    ("images", "made", "heard", "settled"),
+    [
+        (10, 10, 10, True),
+        (10, 9, 9, True),  # a pair over again, or without its partner
+        (9, 9, 9, False),  # an image is on its way to the tracker
+        (10, 10, 9, False),  # features are on their way to slam_node
+    ],
+)
+def test_features_that_a_tracker_makes_are_those_that_must_arrive(images, made, heard, settled):
+    sent = {TWIST.name: 10, FEATURES.name: 0, LEFT_IMAGE.name: 10, RIGHT_IMAGE.name: 10}
+    books = ledger(slam=slam_report(features=heard), sent=sent)
+    received = {LEFT_IMAGE.name: images, RIGHT_IMAGE.name: 10}
+    books.set_report(TRACKER, NodeReport(received=received, features=made))
+    assert books.features_sent == made
+    assert books.is_settled(steps=heard) is settled
 
 
 def test_a_player_that_begins_anew_is_counted_anew():

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a player sends the topics of a bag: their publishers, and who takes what they send."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rclpy.event_handler import PublisherEventCallbacks
@@ -109,6 +109,15 @@ def make_outlets(
     for role, topic in _roles(node, outlets, namespace):
         outlets[topic].role = role
     return outlets
+
+
+def sought_by(node: Node, outlets: Iterable[Outlet | None]) -> list[str]:
+    """Say of which outlets the graph has subscribers that have not found them yet."""
+    return [
+        f"all subscribers of {outlet.name}"
+        for outlet in outlets
+        if outlet is not None and outlet.subscribers < node.count_subscribers(outlet.name)
+    ]
 
 
 def _roles(

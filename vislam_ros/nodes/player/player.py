@@ -38,7 +38,7 @@ from vislam_ros.nodes.parameters import warn_of_undeclared_overrides
 from vislam_ros.nodes.player.clock import PlaybackClock
 from vislam_ros.nodes.player.graph import GraphWatch
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
-from vislam_ros.nodes.player.outlets import Outlet, make_outlets
+from vislam_ros.nodes.player.outlets import Outlet, make_outlets, sought_by
 from vislam_ros.nodes.player.window import FeatureWindow
 from vislam_ros.nodes.steady import steady_timer
 from vislam_ros.nodes.topics import LATCHED, STREAM
@@ -185,7 +185,8 @@ class Player(Node):
 
     def _wait_for_subscribers(self) -> None:
         motion = TWIST if TWIST in self._by_role else IMU
-        needed = {motion: self.options.subscribers, FEATURES: self.options.subscribers}
+        roles = (motion, FEATURES, *(o.role for o in self._for_tracker if o.role in IMAGES))
+        needed = {role: self.options.subscribers for role in roles if role is not None}
         # What is kept for those who come later need not wait for them.
         needed.update(dict.fromkeys(CALIBRATION_TOPICS, 1))
         waiting = [
@@ -200,6 +201,7 @@ class Player(Node):
                 for topic, outlet, count in waiting
                 if outlet.subscribers < count and not self._is_replaced(topic, count)
             ]
+            links += sought_by(self, (self._by_role.get(topic) for topic in (TWIST, IMU)))
             whole = self.options.whole_graph
             if self.options.rate == 0.0:
                 links += [f"a report of {name}" for name in self._graph.silent()]
@@ -216,9 +218,11 @@ class Player(Node):
                 )
 
     def _is_replaced(self, topic: Topic, count: int) -> bool:
-        """Whether the nodes take another topic's messages in place of this one's."""
-        imu = self._by_role.get(IMU)
-        return topic is TWIST and imu is not None and imu.subscribers >= count
+        """Whether the nodes take the gyroscope's messages, and nobody those of this topic."""
+        twist, imu = self._by_role.get(TWIST), self._by_role.get(IMU)
+        if topic is not TWIST or twist is None or imu is None:
+            return False
+        return imu.subscribers >= count and not self.count_subscribers(twist.name)
 
     def _play_once(self, progress: Progress | None) -> bool:
         """Publish the chosen part of the bag; whether it came to its end."""
