@@ -53,3 +53,24 @@ def test_data_of_another_drive_are_refused(
     assert vislam("view", solved, "--data", dataset, "--save", path) == 1
     assert "is it what was solved?" in capsys.readouterr().err
     assert not path.exists()
+
+
+@pytest.mark.parametrize("command", ["view", "run"])
+def test_without_a_screen_nothing_is_begun(
+    command: str,
+    solved: Path,
+    dataset: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("rerun", reason="the extra view is not installed")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    capsys.readouterr()
+    out = tmp_path / "run"
+    argv = ("view", solved) if command == "view" else ("run", dataset, "--out", out, "--view")
+    assert vislam(*argv) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: there is no screen for the viewer")
+    assert not out.exists()

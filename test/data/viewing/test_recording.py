@@ -5,6 +5,7 @@
 import dataclasses
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 from typing import Any
 
@@ -158,6 +159,25 @@ def test_without_a_screen_it_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch)
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(VislamError, match=r"no screen.*--save FILE.rrd"):
         opening("none")
+
+
+@pytest.mark.usefixtures("_rerun")
+def test_the_viewer_is_the_one_of_this_python_whatever_the_path(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started = []
+
+    def spawn(executable_path: str | None, recording: Any) -> None:
+        started.append(executable_path)
+        raise RuntimeError("no port\nmany more lines")
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr("rerun.spawn", spawn)
+    with pytest.raises(VislamError, match=r"^the viewer does not start: no port$"):
+        opening("round")
+    assert started[0] is not None
+    assert Path(started[0]).parent == Path(sysconfig.get_path("scripts"))
 
 
 def test_without_rerun_it_is_told_what_to_install(

@@ -61,6 +61,7 @@ OWNED_FILES = (
         for kind in ("png", "svg")
     ),
     "report.html",
+    "findings.json",
 )
 
 _REFRESH_PERIOD = 1.0  # seconds

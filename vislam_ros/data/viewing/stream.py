@@ -3,7 +3,9 @@
 """The way to Rerun: the library where it is installed, a viewer on the screen, or a file."""
 
 import os
+import shutil
 import sys
+import sysconfig
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -67,9 +69,10 @@ def opened_stream(name: str, save: Path | None = None, *, force: bool = False) -
     stream = rerun().RecordingStream(_APPLICATION)
     if save is None:
         try:
-            stream.spawn()
+            rerun().spawn(executable_path=_program(), recording=stream)
         except RuntimeError as error:
-            raise VislamError(f"the viewer does not start: {error}") from error
+            reason = str(error).partition("\n")[0]
+            raise VislamError(f"the viewer does not start: {reason}") from error
         stream.send_recording_name(name)
         yield stream
         stream.flush()
@@ -109,6 +112,11 @@ def check_stream(save: Path | None, *, force: bool) -> None:
         require_screen()
     else:
         refuse_existing(save, force=force)
+
+
+def _program() -> str | None:
+    """The viewer's program beside this Python, which need not be on the PATH; None where not."""
+    return shutil.which("rerun", path=sysconfig.get_path("scripts"))
 
 
 def require_screen() -> None:
