@@ -145,7 +145,11 @@ def test_what_no_camera_could_have_seen_is_left_out_of_a_frame():
         [[*left, 300.0, 240.0], [*left, 320.0, 240.0], [*left, 340.0, 240.0], [*left, 280, 240]],
         dtype=np.float32,
     )
-    ids, kept = rectification.frame(np.arange(4, dtype=np.uint32), pixels)
+    noise = np.array([0.1, 0.2, 0.3, 0.4], dtype=np.float32)
+    ids, kept, stated = rectification.frame(np.arange(4, dtype=np.uint32), pixels, noise)
     assert ids.tolist() == [0, 3]
+    assert stated is not None
+    np.testing.assert_array_equal(stated, noise[[0, 3]])
+    assert rectification.frame(ids, kept)[2] is None
     assert kept.dtype == np.float32
     np.testing.assert_allclose(kept[:, 2], LEFT.cx + LEFT.fx * LEFT.fx / np.array([20.0, 40.0]))

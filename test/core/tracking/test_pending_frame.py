@@ -14,7 +14,8 @@ ASIDE = np.array([[1.0, 0, 0, 0.1], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.
 
 def frame(count):
     pixels = np.random.default_rng(0).uniform(0, 480, (count, 4)).astype(np.float32)
-    return PendingFrame(0, 1, np.arange(count, dtype=np.uint32), pixels)
+    noise = np.full(count, 0.1, dtype=np.float32)
+    return PendingFrame(0, 1, np.arange(count, dtype=np.uint32), pixels, noise)
 
 
 @pytest.mark.parametrize(("count", "weight"), [(0, 1), (999, 1), (1000, 2), (2500, 3)])
@@ -24,14 +25,14 @@ def test_large_frames_count_as_several(count, weight):
 
 def test_without_a_rectification_nothing_changes():
     waiting = frame(5)
-    ids, pixels = waiting.rectified(None)
-    assert ids is waiting.ids
-    assert pixels is waiting.pixels
+    assert waiting.rectified(None) is waiting
 
 
 def test_pixels_become_those_of_the_rectified_pair():
     waiting = frame(5)
     rectification = rectified_pair(LEFT, LEFT._replace(cx=310.0), ASIDE).pixels
-    ids, pixels = waiting.rectified(rectification)
-    np.testing.assert_array_equal(ids, waiting.ids)
-    np.testing.assert_allclose(pixels - waiting.pixels, [[0, 0, 10, 0]] * 5, atol=1e-4)
+    rectified = waiting.rectified(rectification)
+    np.testing.assert_array_equal(rectified.ids, waiting.ids)
+    np.testing.assert_array_equal(rectified.noise, waiting.noise)
+    moved = rectified.pixels - waiting.pixels
+    np.testing.assert_allclose(moved, [[0, 0, 10, 0]] * 5, atol=1e-4)
