@@ -25,6 +25,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
+from vislam_ros.cli.domain import own_domain
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.settings import SlamSettings
@@ -39,10 +40,10 @@ _counter = itertools.count()
 
 
 @pytest.fixture
-def domain_id() -> int:
-    """A domain that no test running at the same time has."""
-    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
-    return 1 + (os.getpid() + 31 * worker + next(_counter)) % 100
+def domain_id() -> Iterator[int]:
+    """A domain that no test and no run has at the same time."""
+    with own_domain(os.getpid() + next(_counter)) as domain:
+        yield domain
 
 
 @pytest.fixture

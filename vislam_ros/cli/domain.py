@@ -29,15 +29,21 @@ def local_graph() -> dict[str, str]:
 
 
 @contextmanager
-def own_domain() -> Iterator[int]:
+def own_domain(first: int | None = None) -> Iterator[int]:
     """Choose a domain id that nobody uses, and keep it for the block.
 
     Among runs the choice is exclusive: each holds a socket with the domain's name, which goes
     with the process however it ends. A domain with another participant on this machine is
     passed over.
+
+    Parameters
+    ----------
+    first : int, optional
+        Where to begin to look; by default another one for each process.
     """
+    begin = os.getpid() if first is None else first
     for k in range(_DOMAINS):
-        domain = 1 + (os.getpid() + k) % _DOMAINS
+        domain = 1 + (begin + k) % _DOMAINS
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as claim:
             try:
                 claim.bind(f"\0vislam_ros_domain_{domain}")
