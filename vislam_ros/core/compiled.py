@@ -16,11 +16,7 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-# Sums in any order, and products and sums in one: what lets a processor add eight numbers at once.
-_REORDERED = {"reassoc", "contract", "nsz"}
-
-
-def compiled(*signatures: str, reordered: bool = False) -> Callable[[Function], Function]:
+def compiled(*signatures: str) -> Callable[[Function], Function]:
     """Compile a function for arguments of these types; a division by zero gives inf or NaN.
 
     Parameters
@@ -28,21 +24,20 @@ def compiled(*signatures: str, reordered: bool = False) -> Callable[[Function], 
     *signatures : str
         As numba writes them: ``"float64(float64[:, ::1], int64)"`` takes a C-ordered matrix and a
         number and returns a number.
-    reordered : bool
-        Whether sums may be taken in the order that is fastest: for loops over pixels, whose last
-        bits mean nothing. They are the same in every run on a machine.
+
+    Sums keep their order. Otherwise the last bits would depend on whether a function that is
+    called was compiled in the same process or came from the cache: live and offline would differ.
     """
 
     def compile_now(function: Function) -> Function:
         types = list(signatures)
-        fast: bool | set[str] = _REORDERED if reordered else False
         try:
             return cast(
                 Function,
-                numba.njit(types, cache=True, error_model="numpy", fastmath=fast)(function),
+                numba.njit(types, cache=True, error_model="numpy")(function),
             )
         except (OSError, RuntimeError):
             # No place to keep the machine code in: it lasts as long as the process.
-            return cast(Function, numba.njit(types, error_model="numpy", fastmath=fast)(function))
+            return cast(Function, numba.njit(types, error_model="numpy")(function))
 
     return compile_now

@@ -174,7 +174,7 @@ def _cut(image: Grey, points: Floats, grey: Grey, fraction: Floats) -> None:
                 grey[i, a, b] = image[y, min(max(column + b - REACH, 0), width - 1)]
 
 
-@compiled("float32(uint8[:, ::1], float32, float32)", reordered=True)
+@compiled("float32(uint8[:, ::1], float32, float32)")
 def _between(image: Grey, x: Any, y: Any) -> Any:
     """Grey value between four pixels, all of which must be there."""
     column, row = int(x), int(y)
@@ -188,7 +188,7 @@ def _between(image: Grey, x: Any, y: Any) -> Any:
     return np.float32(upper + down * (lower - upper))
 
 
-@compiled("boolean(uint8[:, ::1], float32[::1], float32[:, ::1], float32[:, ::1])", reordered=True)
+@compiled("boolean(uint8[:, ::1], float32[::1], float32[:, ::1], float32[:, ::1])")
 def _laid_over(grey: Grey, fraction: Floats, to_patch: Floats, wide: Floats) -> bool:
     """Grey values of a patch at the pixels of the other image; False where it is too small."""
     for a in range(_WINDOW + 2):
@@ -202,7 +202,7 @@ def _laid_over(grey: Grey, fraction: Floats, to_patch: Floats, wide: Floats) -> 
     return True
 
 
-@compiled("float32(float32[:, ::1], float32[::1], float32[:, ::1])", reordered=True)
+@compiled("float32(float32[:, ::1], float32[::1], float32[:, ::1])")
 def _set_up(wide: Floats, pattern: Floats, gradients: Floats) -> Any:
     """Pattern less its mean, and gradients without brightness and contrast; its sum of squares."""
     for a in range(_WINDOW):
@@ -233,7 +233,7 @@ def _set_up(wide: Floats, pattern: Floats, gradients: Floats) -> Any:
     return contrast
 
 
-@compiled("boolean(uint8[:, ::1], float32[::1], float32[::1], float32[::1])", reordered=True)
+@compiled("boolean(uint8[:, ::1], float32[::1], float32[::1], float32[::1])")
 def _sample(image: Grey, point: Floats, slope: Floats, seen: Floats) -> bool:
     """Grey values about a point, less their mean; False where the image ends."""
     height, width = image.shape

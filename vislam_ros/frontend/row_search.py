@@ -62,7 +62,6 @@ def row_search(left: Grey, right: Grey, points: Floats, largest: int) -> tuple[F
 
 @compiled(
     "UniTuple(float64, 3)(uint8[:, ::1], uint8[:, ::1], int64, int64, int64, int64)",
-    reordered=True,
 )
 def _search(
     pattern: Grey, image: Grey, x: Any, y: Any, low: Any, high: Any

@@ -14,7 +14,15 @@ from collections.abc import Iterable, Mapping
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from vislam_ros.data.bags.layout import DIAGNOSTICS, FEATURES, ODOMETRY, PREDICTION, STEPS
+from vislam_ros.data.bags.layout import (
+    DIAGNOSTICS,
+    FEATURES,
+    IMU,
+    ODOMETRY,
+    PREDICTION,
+    STEPS,
+    TWIST,
+)
 from vislam_ros.data.results.completeness import TRACKER, Ledger, NodeReport
 from vislam_ros.nodes.diagnostics import neighbour
 from vislam_ros.nodes.player.outlets import Outlet
@@ -26,6 +34,13 @@ LINKS = {
     PREDICTION.name: ("slam_node", "recorder_node"),
     ODOMETRY.name: ("recorder_node",),
     STEPS.name: ("recorder_node",),
+}
+#: Which node publishes them.
+PUBLISHERS = {
+    PREDICTION.name: "imu_prediction_node",
+    ODOMETRY.name: "slam_node",
+    STEPS.name: "slam_node",
+    FEATURES.name: TRACKER,
 }
 #: Nodes that what is played goes through.
 REPORTING = ("imu_prediction_node", "slam_node", TRACKER)
@@ -75,12 +90,14 @@ class GraphWatch:
         return self._knows and not self._ledger.missing()
 
     def _present(self) -> list[str]:
-        publishers = {
-            info.node_name
-            for topic in (PREDICTION.name, ODOMETRY.name, FEATURES.name)
-            for info in self._node.get_publishers_info_by_topic(topic)
-        }
-        return [name for name in REPORTING if name in publishers]
+        """Nodes that are there, by whichever of their ends was found first."""
+        node = self._node
+        ends = [
+            *(node.get_publishers_info_by_topic(topic) for topic in PUBLISHERS),
+            *(node.get_subscriptions_info_by_topic(t.name) for t in (TWIST, IMU, FEATURES)),
+        ]
+        names = {info.node_name for infos in ends for info in infos}
+        return [name for name in REPORTING if name in names]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -108,7 +125,7 @@ class GraphWatch:
         whole : bool
             Whether all of the nodes must be there, or only those that are must hear each other.
         """
-        missing, links = [], LINKS
+        missing, links, nodes = [], LINKS, self._present()
         for outlet in for_tracker:
             links = {**LINKS, FEATURES.name: ("slam_node",)}
             hearers = [
@@ -119,14 +136,10 @@ class GraphWatch:
         for topic, needed in links.items():
             subscriptions = self._node.get_subscriptions_info_by_topic(topic)
             present = [subscription.node_name for subscription in subscriptions]
-            absent = [name for name in needed if name not in present] if whole else []
-            if absent:
+            expected = whole or PUBLISHERS[topic] in nodes
+            absent = [n for n in needed if n not in present and (whole or n in nodes)]
+            if expected and absent:
                 missing.append(f"{' and '.join(absent)} on {topic}")
-            elif (whole or self._is_told_of(topic)) and self._found.get(topic, 0) < len(present):
+            elif expected and self._found.get(topic, 0) < len(present):
                 missing.append(f"the publisher of {topic}, which must find its subscribers")
         return missing
-
-    def _is_told_of(self, topic: str) -> bool:
-        """Whether a node that reports publishes a topic."""
-        publishers = self._node.get_publishers_info_by_topic(topic)
-        return any(publisher.node_name in self._reported for publisher in publishers)
