@@ -68,6 +68,7 @@ def graph(processes, make_node, tmp_path):
     asker.asking.shutdown()
 
 
+@pytest.mark.alone
 def test_no_node_ends_because_it_is_asked_for_its_parameters(graph):
     asker, started = graph
     dumps = {name: asker.dump(name) for name in NODES}

@@ -5,6 +5,7 @@
 import signal
 from dataclasses import replace
 
+import pytest
 from live.listening import FULL_SPEED, STEPS, wait_until
 
 from vislam_ros.data.bags.layout import FEATURES, ODOMETRY, TWIST
@@ -13,6 +14,7 @@ from vislam_ros.nodes.player import graph, player
 WINDOW = 4
 
 
+@pytest.mark.alone
 def test_a_node_that_is_busy_is_waited_for_and_not_flooded(
     processes, listen, make_player, play_in_thread, monkeypatch
 ):
