@@ -32,10 +32,7 @@ def compiled(*signatures: str) -> Callable[[Function], Function]:
     def compile_now(function: Function) -> Function:
         types = list(signatures)
         try:
-            return cast(
-                Function,
-                numba.njit(types, cache=True, error_model="numpy")(function),
-            )
+            return cast(Function, numba.njit(types, cache=True, error_model="numpy")(function))
         except (OSError, RuntimeError):
             # No place to keep the machine code in: it lasts as long as the process.
             return cast(Function, numba.njit(types, error_model="numpy")(function))

@@ -18,8 +18,7 @@ from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.image_sources import is_images, read_images
-from vislam_ros.data.images.bags import reader as bag
+from vislam_ros.data.image_sources import holds_images, read_images
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.errors import VislamError
@@ -84,10 +83,7 @@ def convert(
     settings: dict[str, object] = dataclasses.asdict(conventions)
     if reference is not None:
         settings["reference"] = {"name": reference.name, "sha256": file_sha256(reference)}
-    of_images = is_images(data) or (is_bag(data) and bag.matches(data, topics))
-    if motion is not None and data.exists() and not of_images:
-        raise VislamError(f"{data}: holds no images: leave out --motion, which is for these")
-    if not of_images:
+    if not holds_images(data, motion, topics):
         drive = read_dataset(data, conventions=conventions, progress=_part(report, 0, _LOADING))
     else:
         images = read_images(

@@ -32,6 +32,23 @@ def is_images(path: Path) -> bool:
     return any(each.matches(path) for each in _FOLDERS) or course.matches(path)
 
 
+def holds_images(
+    path: Path, motion: Path | str | None = None, topics: Mapping[str, str] | None = None
+) -> bool:
+    """Tell whether a path, bags included, holds images; arguments as :func:`read_images`.
+
+    Raises
+    ------
+    VislamError
+        Where there is a motion for what holds none, or a bag cannot be opened.
+    """
+    if is_images(path) or (is_bag(path) and bag.matches(path, topics)):
+        return True
+    if motion is not None and path.exists():
+        raise VislamError(f"{path}: holds no images: leave out --motion, which is for these")
+    return False
+
+
 def read_images(
     path: Path,
     motion: Path | None = None,

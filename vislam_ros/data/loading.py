@@ -13,8 +13,7 @@ from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions
 from vislam_ros.data.datasets.formats import format_of, read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.image_sources import is_images, read_images
-from vislam_ros.data.images.bags import reader as bag
+from vislam_ros.data.image_sources import holds_images, read_images
 from vislam_ros.errors import VislamError
 from vislam_ros.frontend.settings import TrackerSettings
 
@@ -57,7 +56,7 @@ def load_passes(
     of_bag = is_bag(path)
     if of_bag:
         require_intact(path)
-    if is_images(path) or (of_bag and bag.matches(path, topics)):
+    if holds_images(path, motion, topics):
         drive = load_images(
             path,
             motion,
@@ -69,8 +68,6 @@ def load_passes(
             progress=progress,
         )
         return (drive,)
-    if motion is not None and path.exists():
-        raise VislamError(f"{path}: holds no images: leave out --motion, which is for these")
     if format_of(path):
         return (read_dataset(path, conventions=conventions, progress=progress),)
     if of_bag:

@@ -172,9 +172,6 @@ class DriveMessages:
     def features(self, k: int) -> Any:
         """Features of a frame."""
         ids, pixels = self._drive.frame(k)
-        noise = self._drive.noise
-        if noise is not None:
-            noise = noise[self._drive.offsets[k] : self._drive.offsets[k + 1]]
         return self._new["PointCloud2"](
             header=self._header(self._drive.feature_stamps[k], self._frames.camera),
             height=1,
@@ -183,7 +180,7 @@ class DriveMessages:
             is_bigendian=False,
             point_step=self._point_step,
             row_step=self._point_step * len(ids),
-            data=pack_features(ids, pixels, noise),
+            data=pack_features(ids, pixels, self._drive.noise_of(k)),
             is_dense=True,
         )
 

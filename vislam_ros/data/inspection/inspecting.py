@@ -17,8 +17,7 @@ from vislam_ros.data.datasets.formats import format_of, read_dataset
 from vislam_ros.data.datasets.mending import AS_STORED, Mending
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.finding import Finding
-from vislam_ros.data.image_sources import is_images, read_images
-from vislam_ros.data.images.bags import reader as image_bag
+from vislam_ros.data.image_sources import holds_images, read_images
 from vislam_ros.data.inspection.bag_streams import streams_of_bag
 from vislam_ros.data.inspection.facts import facts_of
 from vislam_ros.data.inspection.judging import Reread, judge
@@ -92,7 +91,7 @@ def inspect(
     of_bag = is_bag(path)
     if of_bag:
         require_intact(path)
-    if is_images(path) or (of_bag and image_bag.matches(path, topics)):
+    if holds_images(path, motion, topics):
         images = read_images(
             path,
             motion,
@@ -109,8 +108,6 @@ def inspect(
         if of_bag:
             _judge_bag(told, path)
         return told
-    if motion is not None and path.exists():
-        raise VislamError(f"{path}: holds no images: leave out --motion, which is for these")
     if format_of(path):
         return _of_dataset(path, conventions)
     if of_bag:
