@@ -63,7 +63,8 @@ def convert(
     frames : Frames, optional
         Of the messages.
     tracks : bool, optional
-        Write tracks of the images, and not the images themselves.
+        Write tracks of the images, and not the images themselves; so is done where only tracks
+        can tell what the twists mean, of a course file without features.
     tracker : TrackerSettings, optional
         Of these tracks.
     force : bool
@@ -98,7 +99,8 @@ def convert(
         from vislam_ros.data.images.bags.writer import motion_drive, write_image_bag
         from vislam_ros.data.images.tracking import tracked_drive
 
-        if not tracks:
+        # Only tracks tell what such twists mean, and a bag is in this package's convention.
+        if not tracks and images.unsettled is None:
             if reference is not None:
                 truth = _clipped(reference, images.name, images.stamps)
                 images = dataclasses.replace(images, ground_truth=truth)

@@ -22,6 +22,7 @@ from imagery.folders import (
 )
 from rewriting import assert_same
 
+from vislam_ros.data.conversion import convert
 from vislam_ros.data.image_sources import read_images
 from vislam_ros.data.images.pairing import pair_stamps
 from vislam_ros.data.images.tracking import tracked_drive
@@ -108,6 +109,9 @@ def test_tracks_tell_what_twists_of_a_dataset_without_features_mean(tmp_path: Pa
     arrays["linear_velocity"] = -arrays["linear_velocity"]
     np.savez(data, **arrays)
     drive = load_drive(images)
+    # What is played live says the same.
+    convert(images, tmp_path / "bag")
+    np.testing.assert_array_equal(load_drive(tmp_path / "bag").twists, drive.twists)
     assert not any("dead reckoning" in note for note in drive.notes)
     assert any("forward-right-down" in note.split("(others")[0] for note in drive.notes)
     # Turned to forward, left and up.
