@@ -56,14 +56,13 @@ LANDMARK_DTYPE = np.dtype(
 )
 """A point of ``slam/landmarks``: metres, square metres, 40 bytes."""
 
-_FEATURE_POINT_FIELDS = [
-    PointField(name=name, offset=offset, datatype=datatype, count=1)
-    for name, offset, datatype in FEATURE_FIELDS
-]
-_NOISY_POINT_FIELDS = [
-    PointField(name=name, offset=offset, datatype=datatype, count=1)
-    for name, offset, datatype in NOISY_FEATURE_FIELDS
-]
+_FEATURE_POINT_FIELDS, _NOISY_POINT_FIELDS = (
+    [
+        PointField(name=name, offset=offset, datatype=datatype, count=1)
+        for name, offset, datatype in fields
+    ]
+    for fields in (FEATURE_FIELDS, NOISY_FEATURE_FIELDS)
+)
 _LANDMARK_POINT_FIELDS = [
     PointField(
         name=name,
