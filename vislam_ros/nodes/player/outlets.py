@@ -134,3 +134,19 @@ def _roles(
         own = next((t for t in (namespace + role.recorded, role.recorded) if t in outlets), None)
         if topic := played or own:
             yield role, topic
+
+
+def split_rules(
+    rules: Iterable[str], connections: Iterable[BagConnection]
+) -> tuple[dict[str, str], list[str]]:
+    """Rules for topics of a bag, by its names, and the arguments of those for the player."""
+    recorded = {connection.topic for connection in connections}
+    renamed, others = {}, []
+    for rule in rules:
+        source, _, target = rule.partition(":=")
+        name = f"/{source.lstrip('/')}"
+        if name in recorded:
+            renamed[name] = target
+        else:
+            others += ["-r", rule]
+    return renamed, others

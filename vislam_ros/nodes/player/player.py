@@ -12,7 +12,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
@@ -38,7 +38,8 @@ from vislam_ros.nodes.parameters import warn_of_undeclared_overrides
 from vislam_ros.nodes.player.clock import PlaybackClock
 from vislam_ros.nodes.player.graph import GraphWatch
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
-from vislam_ros.nodes.player.outlets import Outlet, make_outlets, sought_by
+from vislam_ros.nodes.player.outlets import Outlet, make_outlets, sought_by, split_rules
+from vislam_ros.nodes.player.read_ahead import read_ahead
 from vislam_ros.nodes.player.window import FeatureWindow
 from vislam_ros.nodes.steady import steady_timer
 from vislam_ros.nodes.topics import LATCHED, STREAM
@@ -73,7 +74,7 @@ class Player(Node):
     """
 
     def __init__(self, bag: BagMessages, options: PlayOptions, context: Context | None = None):
-        renamed, rules = _split_rules(options.remap, bag)
+        renamed, rules = split_rules(options.remap, bag.connections)
         super().__init__(
             "player",
             context=context,
@@ -235,24 +236,30 @@ class Player(Node):
         self._window.expect()
         self._latest.clear()
         self.clock.start(begin)
-        for connection, stamp, data in messages:
-            outlet = self._outlets[connection.topic]
-            is_frame = outlet.role is not None and outlet.role is self._frame
-            if not self.clock.wait(stamp):
-                return False
-            if self.options.rate == 0.0 and self._begins_anew(outlet.role, data):
-                self._wait_for_answers(0)
-            if is_frame:
-                if self.options.rate == 0.0:
-                    self._wait_for_answers(self.options.window - 1)
-                self._window.add(_header_stamp(data))
-            if not self._send(outlet, data):
-                return False
-            self.clock.sent(stamp, ends_step=is_frame or not self._frame)
-            played = max(0.0, (stamp - begin) / NANOSECONDS)
-            self._count(before + played)
-            if progress:
-                progress(played)
+        with closing(read_ahead(messages)) as ahead:
+            for connection, stamp, data in ahead:
+                if not self._play_message(self._outlets[connection.topic], stamp, data):
+                    return False
+                played = max(0.0, (stamp - begin) / NANOSECONDS)
+                self._count(before + played)
+                if progress:
+                    progress(played)
+        return True
+
+    def _play_message(self, outlet: Outlet, stamp: int, data: bytes) -> bool:
+        """Publish a message when it is due; False if interrupted."""
+        is_frame = outlet.role is not None and outlet.role is self._frame
+        if not self.clock.wait(stamp):
+            return False
+        if self.options.rate == 0.0 and self._begins_anew(outlet.role, data):
+            self._wait_for_answers(0)
+        if is_frame:
+            if self.options.rate == 0.0:
+                self._wait_for_answers(self.options.window - 1)
+            self._window.add(_header_stamp(data))
+        if not self._send(outlet, data):
+            return False
+        self.clock.sent(stamp, ends_step=is_frame or not self._frame)
         return True
 
     def _begins_anew(self, role: Topic | None, data: bytes) -> bool:
@@ -359,20 +366,6 @@ class Player(Node):
         finally:
             executor.shutdown()
             thread.join()
-
-
-def _split_rules(rules: Iterable[str], bag: BagMessages) -> tuple[dict[str, str], list[str]]:
-    """Rules for topics of the bag, by its names, and the arguments of those for the player."""
-    recorded = {connection.topic for connection in bag.connections}
-    renamed, others = {}, []
-    for rule in rules:
-        source, _, target = rule.partition(":=")
-        name = f"/{source.lstrip('/')}"
-        if name in recorded:
-            renamed[name] = target
-        else:
-            others += ["-r", rule]
-    return renamed, others
 
 
 def _header_stamp(data: bytes) -> int | None:
