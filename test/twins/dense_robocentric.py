@@ -124,7 +124,9 @@ class DenseRobocentricFilter:
                 error_variance = np.diag(H @ self.P @ H.T)
                 self.motion_noise.update(change, variances, after, error, error_variance, tau)
         if rejected and 2 * len(rejected) >= len(known):
-            self.P[TWIST, TWIST] += np.diag(np.repeat([50.0**2, 2.0**2], 3))
+            variances = self.P.diagonal()[TWIST]
+            doubted = np.minimum(100.0 * variances, np.repeat([50.0**2, 2.0**2], 3))
+            self.P[TWIST, TWIST] += np.diag(np.maximum(doubted - variances, 0.0))
         self.initialize([keys[i] for i in new], frame.pixels[new], factors[new])
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))

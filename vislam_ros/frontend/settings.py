@@ -12,7 +12,7 @@ class TrackerSettings:
     """How many points are followed, and what is taken for a mistake."""
 
     max_features: int = setting(
-        200,
+        150,
         "Points that are followed at a time; fewer where the image has no more",
         minimum=1,
         maximum=5000,

@@ -16,11 +16,10 @@ from tracked_drive import run, trying_drives
 
 from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.robocentric import RobocentricFilter
-from vislam_ros.core.filters.robocentric_model import UNKNOWN_TWIST
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
-from vislam_ros.core.motion import Increment, Part
+from vislam_ros.core.motion import FIRST_TWIST_STD, Increment, Part
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA
 
@@ -271,13 +270,28 @@ def test_where_the_innovations_covariance_is_not_positive_landmarks_are_given_up
     assert outcome.used == 0
     np.testing.assert_array_equal(np.sort(outcome.rejected), np.arange(30))
     assert filter_.active == 0
-    # Nothing that it saw fitted: what was known of the twist is gone, and nothing else.
-    np.testing.assert_array_equal(filter_.covariance, small + UNKNOWN_TWIST)
+    # Nothing that it saw fitted: the twist may be off by ten of its deviations, and nothing else.
+    doubted = small.diagonal().copy()
+    doubted[TWIST] *= 100.0
+    np.testing.assert_allclose(filter_.covariance.diagonal(), doubted, rtol=1e-12)
+    off_diagonal = ~np.eye(16, dtype=bool)
+    np.testing.assert_array_equal(filter_.covariance[off_diagonal], small[off_diagonal])
     # It goes on with others.
     for _ in range(3):
         outcome = filter_.step(increment(FORWARD), frame_of(np.arange(100, 130), pixels))
         assert_sound(filter_)
     assert outcome.used + len(outcome.rejected) == 30
+
+
+def test_a_twist_that_is_contradicted_again_and_again_is_no_less_known_than_at_the_start() -> None:
+    points = far_points(30, 40.0)
+    filter_ = filter_that_sees(points, FORWARD, 10)
+    for k in range(6):
+        pixels = filter_.image_points[:, [0, 2, 1, 2]] + 300.0 * (-1.0) ** k
+        outcome = filter_.step(STANDING, frame_of(filter_.keys, pixels))
+        assert outcome.is_contradicted or not len(filter_.keys)
+        variances = filter_.covariance.diagonal()[TWIST]
+        assert np.all(variances <= 1.01 * FIRST_TWIST_STD**2)
 
 
 def test_a_non_finite_observation_is_rejected() -> None:

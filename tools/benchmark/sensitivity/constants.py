@@ -118,6 +118,7 @@ CONSTANTS: tuple[Constant, ...] = (
     *_of("core.linalg.gating", ("_AS_FAR_OFF", (0.25, 0.9))),
     *_of("core.operations.bias_belief", ("_TEMPER", (1.0, 20.0))),
     *_of("core.motion", "FIRST_TWIST_STD"),
+    *_of("core.filters.robocentric_model", ("_DOUBT", (3.0, 30.0))),
     *_of("core.filters.robocentric", "_SHORTEST_STEP"),
     *_of("core.filters.image_point_map", "_SIGNIFICANT_DISPARITY"),
     *_of("core.geometry.warp", "_MIN_DEPTH_RATIO", "_MAX_RAY_SQUARED"),

@@ -60,7 +60,7 @@ from vislam_ros.core.filters.robocentric_model import (
     SIZE,
     TWIST,
     TWIST_ROWS,
-    UNKNOWN_TWIST,
+    doubt_of_twist,
     learn_motion,
     motion_priors,
     prior_covariance,
@@ -203,7 +203,7 @@ class RobocentricFilter:
             error = twist_error(measured, self.twist, self.gyro_bias)
             learn_motion(self._motion_noise, before, self.twist, P, error, tau)
         if outcome.is_contradicted:
-            self._apply(RandomWalk(UNKNOWN_TWIST))
+            self._apply(RandomWalk(doubt_of_twist(self._state.vehicle_covariance)))
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)

@@ -55,9 +55,8 @@ TWIST_ROWS: Array = np.zeros((6, SIZE))
 TWIST_ROWS[:, TWIST] = np.eye(6)
 TWIST_ROWS[3:, GYRO_BIAS] = np.eye(3)
 
-#: Covariance (16, 16) that the vehicle state gets where the twist is no longer believed.
-UNKNOWN_TWIST: Array = np.zeros((SIZE, SIZE))
-UNKNOWN_TWIST[TWIST, TWIST] = np.diag(FIRST_TWIST_STD**2)
+# How far a twist may be off that vision contradicts, in standard deviations.
+_DOUBT = 10.0
 
 
 def prior_covariance(settings: RobocentricSettings) -> Array:
@@ -68,6 +67,17 @@ def prior_covariance(settings: RobocentricSettings) -> Array:
     variances[GYRO_BIAS] = settings.gyro_bias_std**2
     variances[LENS] = settings.lens_distortion_std**2
     return np.diag(variances)
+
+
+def doubt_of_twist(covariance: Array) -> Array:
+    """Covariance (16, 16) to add to the vehicle state's, (16, 16), where vision contradicts it.
+
+    The twist may be off by ten times its standard deviations then, and no more than at the start.
+    """
+    doubted = np.minimum(_DOUBT**2 * covariance.diagonal()[TWIST], FIRST_TWIST_STD**2)
+    doubt = np.zeros((SIZE, SIZE))
+    doubt[TWIST, TWIST] = np.diag(np.maximum(doubted - covariance.diagonal()[TWIST], 0.0))
+    return doubt
 
 
 def walk_densities(settings: RobocentricSettings) -> Array:
