@@ -28,6 +28,9 @@ myst_heading_anchors = 4
 myst_url_schemes = {"http": None, "https": None, "mailto": None, "source": None}
 html_math_renderer = "mathml"
 
+# What commands say is no program.
+highlight_language = "none"
+
 html_theme = "furo"
 html_title = "vislam_ros"
 html_copy_source = False
