@@ -8,7 +8,7 @@ ARGS ?=
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help demo report bench test coverage lint hooks constraints colcon clean
+.PHONY: help demo docs report bench test coverage lint hooks constraints colcon clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -17,7 +17,7 @@ READY := $(VENV)/.ready
 # A ROS 2 installation is used where there is one, with the packages that it was built against;
 # elsewhere its wheels come with pip, and all versions are those of constraints.txt.
 ROS_SETUP := $(wildcard /opt/ros/jazzy/setup.bash)
-TOOLS := test,lint,colcon,dask,peers,report,view
+TOOLS := test,lint,colcon,dask,peers,report,view,docs
 ifdef ROS_SETUP
 ENTER := source $(ROS_SETUP) &&
 VENV_OPTIONS := --system-site-packages
@@ -60,6 +60,10 @@ demo: $(READY) ## draw stereo images of a drive, run them live through the nodes
 report: $(READY) ## draw the report's figures 2 to 6: results/report; DATA=... REFERENCE=...
 	@$(ENTER) $(BIN)/python tools/reproduce_report.py $(DATA) --force \
 	  $(if $(REFERENCE),--reference $(REFERENCE))
+
+docs: $(READY) ## build the documentation as a site that needs no network: results/site/index.html
+	@$(BIN)/python -m sphinx -E -W --keep-going -q -c tools/docs_site . results/site
+	@echo 'See results/site/index.html'
 
 bench: $(READY) ## measure speed, peers and consistency, half an hour: results/bench.json
 	@$(ENTER) OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench.py $(if $(DATA),--data $(DATA)) \

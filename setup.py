@@ -78,6 +78,8 @@ setup(
         # Optional: `vislam report` and `vislam view`.
         "report": ["plotly>=6.0"],
         "view": ["rerun-sdk>=0.26; python_version >= '3.11'"],
+        # Optional: `make docs`.
+        "docs": ["furo>=2024.8", "latex2mathml>=3.77", "myst-parser>=4.0", "sphinx>=8.1"],
         # Optional: tools/fuzz.py.
         "fuzz": ["atheris>=3.0; python_version >= '3.11'"],
         "lint": [

@@ -3,8 +3,11 @@
 """Fixtures for the whole suite."""
 
 import os
+import shutil
 import signal
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -38,3 +41,17 @@ def shared_images() -> Path:
     if not (SHARED_IMAGES / "kitti_0020" / "calib.txt").is_file():
         pytest.skip(f"needs the real images, which are not in {SHARED_IMAGES}")
     return SHARED_IMAGES
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, where there is one."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("needs Chromium on the PATH: apt install chromium")
+    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with playwright.sync_playwright() as started:
+        running = started.chromium.launch(executable_path=chromium, args=flags, timeout=120_000)
+        yield running
+        running.close()

@@ -34,13 +34,13 @@ def anchors(page: Path) -> set[str]:
 
 
 def shell_lines(page: Path) -> list[list[str]]:
-    """Commands of a page's shell blocks, without their comments."""
+    """Commands of a page's shell blocks, without their comments and where their output goes."""
     blocks = [block for language, block in FENCE.findall(page.read_text()) if language == "sh"]
     return [
         words
         for block in blocks
         for line in block.replace("\\\n", " ").splitlines()
-        if (words := shlex.split(line, comments=True))
+        if (words := shlex.split(line.partition(" > ")[0], comments=True))
     ]
 
 

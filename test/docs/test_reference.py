@@ -49,6 +49,54 @@ def strings_of_the_package() -> set[str]:
     }
 
 
+def texts_of_the_package() -> list[str]:
+    """All texts that the code can say, with an ellipsis for each value in them."""
+
+    def text(node: ast.AST) -> str:
+        if isinstance(node, ast.JoinedStr):
+            return "".join(text(part) for part in node.values)
+        return str(node.value) if isinstance(node, ast.Constant) else "…"
+
+    return [
+        text(node)
+        for path in (REPOSITORY / "vislam_ros").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.JoinedStr)
+        or (isinstance(node, ast.Constant) and isinstance(node.value, str))
+    ]
+
+
+def said_by(quoted: str) -> re.Pattern[str]:
+    """Texts that say what a page quotes, whatever stands in place of an ellipsis."""
+    parts = [re.escape(part.strip()) for part in re.split("…", quoted) if len(part.strip()) > 1]
+    return re.compile(".*".join(parts))
+
+
+def test_every_message_that_is_explained_is_one_of_the_code() -> None:
+    texts = texts_of_the_package()
+    rows = table(DOCS / "troubles.md", "it says")
+    assert len(rows) > 15
+    for row in rows:
+        (quoted,) = names(row[0])
+        assert any(said_by(quoted).search(text) for text in texts), quoted
+
+
+def test_every_service_is_documented_and_every_documented_one_exists() -> None:
+    nodes = REPOSITORY / "vislam_ros" / "nodes"
+    declared = {
+        f"{path.stem}/{name}"
+        for path in nodes.rglob("*.py")
+        for name in re.findall(r'serve\("~/(\w+)"', path.read_text())
+    }
+    (commands,) = re.findall(r"for command in \((.*)\):", (nodes / "player/player.py").read_text())
+    declared |= {f"player/{name}" for name in re.findall(r"self\.(\w+)", commands)}
+    documented = [name for row in table(DOCS / "topics.md", "service") for name in names(row[0])]
+    assert sorted(documented) == sorted(declared)
+    # None is offered in another way.
+    offered = [path.name for path in nodes.rglob("*.py") if "create_service(" in path.read_text()]
+    assert sorted(offered) == ["diagnostics.py", "player.py"]
+
+
 def test_every_declared_topic_is_documented_with_its_type() -> None:
     documented = {
         row[0].strip("`/"): row[1].strip("`") for row in table(DOCS / "topics.md", "topic")

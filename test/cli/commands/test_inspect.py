@@ -88,6 +88,18 @@ def test_the_tables_fit_a_page(drive: Path, capsys: pytest.CaptureFixture[str]) 
     assert max(map(len, lines[1:])) <= 80
 
 
+def test_a_finding_and_what_was_done_stand_on_lines_of_their_own(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with np.load(drive) as content:
+        features = content["features"][[2, 3, 0, 1]]
+    assert main(["inspect", str(altered(drive, tmp_path / "swapped.npz", features=features))]) == 0
+    told = capsys.readouterr().out
+    (advice,) = (line for line in told.splitlines() if "done: " in line or "to do: " in line)
+    assert advice.split("│")[2].strip().startswith(("done: ", "to do: "))
+    assert "\\n" not in told
+
+
 def test_a_file_that_is_none_is_an_error(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

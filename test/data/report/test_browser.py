@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page in Chromium, where there is one: what it shows, and that it asks for nothing."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,19 +16,6 @@ from vislam_ros.data.trajectory import Trajectory
 
 SIZES = {"wide": (1280, 900), "narrow": (390, 844)}
 PATIENCE = 120_000  # milliseconds, on a machine that draws in software and is busy
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("needs Chromium on the PATH: apt install chromium")
-    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    with playwright.sync_playwright() as started:
-        running = started.chromium.launch(executable_path=chromium, args=flags, timeout=PATIENCE)
-        yield running
-        running.close()
 
 
 @pytest.fixture(params=SIZES)

@@ -56,7 +56,8 @@ def _print(told: Inspection) -> None:
         table.add_column()
         for each in told.findings:
             done = "done" if each.is_repaired else "to do"
-            table.add_row(Text(each.name), Text(one_line(f"{each.words}\n{done}: {each.advice}")))
+            words = f"{one_line(each.words)}\n{done}: {one_line(each.advice)}"
+            table.add_row(Text(each.name), Text(words))
         console.print(table)
     else:
         answer("nothing wrong was found")
