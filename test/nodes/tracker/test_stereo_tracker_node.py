@@ -32,6 +32,7 @@ NAMES = {**OURS, "imu": "/imu/data"}
 FEATURES = layout.FEATURES.recorded
 IMAGE, COMPRESSED = layout.LEFT_IMAGE.msgtype, layout.COMPRESSED_IMAGE
 TOPICS = {topic.recorded: topic for topic in (*layout.TOPICS, *layout.IMAGES)}
+TOPICS["/tf_static"] = layout.HEARD_STATIC_TRANSFORMS
 
 Message = tuple[str, str, int, Any]
 Published = dict[str, list[Any]]
@@ -51,10 +52,9 @@ def messages(*, compressed: bool = False) -> list[Message]:
 
 def send(node: Any, sent: Iterable[Message]) -> None:
     """Give a node messages as they come from the wire, if it hears their topic."""
-    heard = {topic.recorded: topic for topic in TOPICS.values()}
     for name, msgtype, _, message in sent:
-        if name not in ("/imu/twist", "/tf_static"):
-            topic: Topic = heard[name]
+        if name != "/imu/twist":
+            topic: Topic = TOPICS[name]
             node.monitor.take(topic, bytes(STORE.serialize_cdr(message, msgtype)))
 
 
