@@ -32,7 +32,7 @@ from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_ove
 from vislam_ros.nodes.settings import TrackerNodeSettings
 from vislam_ros.nodes.spin import run
 from vislam_ros.nodes.topics import message_class
-from vislam_ros.nodes.tracker.cameras import RawCameras, sized
+from vislam_ros.nodes.tracker.cameras import HEARD_TRANSFORMS, RawCameras, sized
 from vislam_ros.nodes.tracker.report import TrackerReport
 from vislam_ros.nodes.tracker.stereo_stream import ReadyPair, StereoStream
 
@@ -64,8 +64,8 @@ class StereoTrackerNode(Node):
         self._pictures = self.monitor.advertise(layout.TRACK_IMAGE)
         for topic in CALIBRATION_TOPICS:
             self.monitor.subscribe(topic, functools.partial(self.on_calibration, topic))
-        if message_class(layout.HEARD_STATIC_TRANSFORMS.msgtype) is not None:
-            self.monitor.subscribe(layout.HEARD_STATIC_TRANSFORMS, self.on_static_transforms)
+        if message_class(HEARD_TRANSFORMS.msgtype) is not None:
+            self.monitor.subscribe(HEARD_TRANSFORMS, self.on_static_transforms)
         for side, topic in zip(_SIDES, self._image_topics(), strict=True):
             self.monitor.subscribe(topic, functools.partial(self.on_image, side))
         if self._settings.gyroscope != "never":

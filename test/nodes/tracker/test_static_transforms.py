@@ -21,9 +21,8 @@ from vislam_ros.data.image_sources import read_images
 from vislam_ros.data.images.tracking import tracked_drive
 from vislam_ros.nodes.stereo_tracker_node import StereoTrackerNode
 from vislam_ros.nodes.topics import LATCHED, message_class
-from vislam_ros.nodes.tracker.cameras import RawCameras
+from vislam_ros.nodes.tracker.cameras import HEARD_TRANSFORMS, RawCameras
 
-STATIC = layout.HEARD_STATIC_TRANSFORMS
 FEATURES = layout.FEATURES.recorded
 BODY, EYE = "imu_frame", "left_eye"
 FIRST = int(STAMPS[0])
@@ -69,10 +68,10 @@ def cameras(**options: Any) -> RawCameras:
 def test_transforms_of_several_publishers_give_the_features_of_a_bag_with_them(
     make_node: Any, context: Any, capture: Any, tmp_path: Any
 ) -> None:
-    cls = message_class(STATIC.msgtype)
+    cls = message_class(HEARD_TRANSFORMS.msgtype)
     if cls is None:
         pytest.skip("tf2_msgs is not installed, nor can its type be made")
-    static = ("/tf_static", STATIC.msgtype, FIRST, of_links(*LINKS))
+    static = ("/tf_static", HEARD_TRANSFORMS.msgtype, FIRST, of_links(*LINKS))
     path = write_messages(tmp_path / "bag", [static, *messages()])
     offline = tracked_drive(read_images(path))
 
@@ -80,8 +79,8 @@ def test_transforms_of_several_publishers_give_the_features_of_a_bag_with_them(
     executor = SingleThreadedExecutor(context=context)
     for k, link in enumerate(LINKS):
         broadcaster = make_node(lambda k=k, **options: Node(f"broadcaster_{k}", **options))
-        publisher = broadcaster.create_publisher(cls, STATIC.name, LATCHED)
-        publisher.publish(bytes(STORE.serialize_cdr(of_links(link), STATIC.msgtype)))
+        publisher = broadcaster.create_publisher(cls, HEARD_TRANSFORMS.name, LATCHED)
+        publisher.publish(bytes(STORE.serialize_cdr(of_links(link), HEARD_TRANSFORMS.msgtype)))
         executor.add_node(broadcaster)
     node = make_node(StereoTrackerNode, base_frame=BODY, camera_frame=EYE, gyroscope="required")
     published = capture(node)
@@ -166,7 +165,7 @@ def test_a_bad_transform_costs_none_beside_it(make_node: Any, capture: Any) -> N
     published = capture(node)
     bad = transform(FIRST, "mount", "antenna", np.eye(4))
     bad.transform.rotation.w = 0.0
-    take(node, STATIC, STATIC.msgtype, of_links(bad, *LINKS))
+    take(node, HEARD_TRANSFORMS, HEARD_TRANSFORMS.msgtype, of_links(bad, *LINKS))
     send(node)
     assert node.monitor.refused.counts == {"tf_static_not_a_rotation": 1}
     assert len(published[FEATURES]) == FRAMES
@@ -183,5 +182,5 @@ def test_a_camera_a_mile_from_its_body_is_refused() -> None:
 
 def test_bytes_that_are_no_transforms_are_refused(make_node: Any) -> None:
     node = make_node(StereoTrackerNode)
-    node.monitor.take(STATIC, b"\x00\x01\x00\x00\xff\xff\xff\xffnothing")
+    node.monitor.take(HEARD_TRANSFORMS, b"\x00\x01\x00\x00\xff\xff\xff\xffnothing")
     assert node.monitor.refused.counts == {"tf_static_undecodable": 1}

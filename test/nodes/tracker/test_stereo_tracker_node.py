@@ -27,12 +27,13 @@ from vislam_ros.data.drive import Drive
 from vislam_ros.data.image_sources import read_images
 from vislam_ros.data.images.tracking import tracked_drive
 from vislam_ros.nodes.stereo_tracker_node import StereoTrackerNode
+from vislam_ros.nodes.tracker.cameras import HEARD_TRANSFORMS
 
 NAMES = {**OURS, "imu": "/imu/data"}
 FEATURES = layout.FEATURES.recorded
 IMAGE, COMPRESSED = layout.LEFT_IMAGE.msgtype, layout.COMPRESSED_IMAGE
 TOPICS = {topic.recorded: topic for topic in (*layout.TOPICS, *layout.IMAGES)}
-TOPICS["/tf_static"] = layout.HEARD_STATIC_TRANSFORMS
+TOPICS["/tf_static"] = HEARD_TRANSFORMS
 
 Message = tuple[str, str, int, Any]
 Published = dict[str, list[Any]]

@@ -97,15 +97,6 @@ RIGHT_COMPRESSED = Topic(
     "stereo/right/image_raw/compressed", COMPRESSED_IMAGE, stream=Stream.RIGHT_IMAGE
 )
 STATIC_TRANSFORMS = Topic("tf_static", "tf2_msgs/msg/TFMessage", LATCHED_QOS)
-HEARD_STATIC_TRANSFORMS = replace(
-    STATIC_TRANSFORMS,
-    name="/tf_static",
-    qos=LATCHED_QOS._replace(depth=VIEW_QOS.depth),
-    stream=Stream.STATIC_TRANSFORMS,
-)
-"""The same for who listens, one for all robots: each of several publishers keeps a last message,
-of which a depth of one would hold the newest alone."""
-
 GROUND_TRUTH = Topic("ground_truth/odometry", "nav_msgs/msg/Odometry")
 
 TOPICS = (

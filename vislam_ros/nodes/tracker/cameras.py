@@ -12,18 +12,29 @@ from numpy.typing import NDArray
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.stereo_rig import StereoRig
 from vislam_ros.core.ranges import MOUNT
-from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage, check_range
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage, Stream, check_range
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import (
     EXTRINSICS,
+    LATCHED_QOS,
     LEFT_CAMERA,
     RIGHT_CAMERA,
     STATIC_TRANSFORMS,
+    VIEW_QOS,
     Frames,
     Topic,
 )
 from vislam_ros.data.bags.stereo_rig import stereo_rig
 from vislam_ros.data.images.bags.static_transforms import StaticTransforms, frame_name
+
+HEARD_TRANSFORMS = replace(
+    STATIC_TRANSFORMS,
+    name=STATIC_TRANSFORMS.recorded,
+    qos=LATCHED_QOS._replace(depth=VIEW_QOS.depth),
+    stream=Stream.STATIC_TRANSFORMS,
+)
+"""The static transforms of all robots: each of several publishers keeps a last message, of which
+a depth of one would hold the newest alone."""
 
 _FIELDS = ("width", "height", "distortion_model", "d", "k", "r", "p")
 
