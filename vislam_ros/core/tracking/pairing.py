@@ -33,9 +33,9 @@ class PredictedPath:
     Where the first of them is turned, the odometry frame is one that stands, such as a level one,
     and the map is to stand as it does; else that is only where the body was.
 
-    Only increments are ever taken from it, so a lost prediction costs nothing but its share of
-    process noise: the pose at its stamp is interpolated on SE(3) between its neighbours, whose
-    own pose sums up all twists.
+    But for that only increments are taken from it, so a lost prediction costs nothing but its
+    share of process noise: the pose at its stamp is interpolated on SE(3) between its neighbours,
+    whose own pose sums up all twists.
 
     Attributes
     ----------
