@@ -112,6 +112,31 @@ def test_ids_increase_and_are_never_given_again(
         before = now
 
 
+def test_when_all_ids_are_used_up_they_begin_again(
+    camera: StereoCamera, walk: Sequence[Shot]
+) -> None:
+    plain, wrapping = (StereoTracker(camera, walk[0].left.shape[::-1], SETTINGS) for _ in "ab")
+    offset = 2**32 - SETTINGS.max_features // 2
+    wrapping._next_id = offset
+    for shot in walk:
+        expected, found = (each.track(shot.left, shot.right) for each in (plain, wrapping))
+        ids = (expected.ids.astype(np.int64) + offset) % 2**32
+        order = np.argsort(ids)
+        assert found.ids.tolist() == ids[order].tolist()
+        assert found.pixels.tobytes() == expected.pixels[order].tobytes()
+        assert found.noise.tobytes() == expected.noise[order].tobytes()
+    assert found.ids.min() < offset <= found.ids.max(), "both before and after"
+
+
+def test_ids_of_points_that_are_followed_are_not_given_again(camera: StereoCamera) -> None:
+    tracker = StereoTracker(camera, (64, 48), SETTINGS)
+    tracker._next_id = 2**32 - 2
+    taken = np.array([2**32 - 1, 0, 2], dtype=np.uint32)
+    assert tracker._new_ids(3, taken).tolist() == [2**32 - 2, 1, 3]
+    assert tracker._new_ids(0, taken).tolist() == []
+    assert tracker._new_ids(1, taken).tolist() == [4]
+
+
 def test_without_a_gyroscope_the_last_motion_is_the_guess(
     camera: StereoCamera, walk: Sequence[Shot]
 ) -> None:

@@ -180,6 +180,37 @@ def test_the_gyroscope_alone_gives_the_core_s_poses_and_says_that_it_knows_no_ve
         assert odometry.twist.covariance[0] == 2500.0
 
 
+def test_a_standing_imu_is_levelled_as_the_core_does_it(make_node, capture):
+    nodes = [make_node(ImuPredictionNode, motion_source=source) for source in ("gyro", "auto")]
+    published, core = [capture(node)[TOPIC] for node in nodes], DeadReckoning(PredictionSettings())
+    expected, force = [], np.array([1.0, -2.0, 9.55])
+    for k in range(300):
+        stamp, omega = k * 5_000_000, np.array([0.01, -0.02, 0.03])
+        message = imu_message(stamp, omega)
+        a = message.linear_acceleration
+        a.x, a.y, a.z = force.tolist()
+        for node in nodes:
+            node.on_imu(message)
+        expected += core.add_angular_velocity(stamp, omega, force)
+    assert expected[0].quaternion[3] < 0.999
+    for heard in published:
+        found = [decoding.pose(odometry) for odometry in heard]
+        assert [stamp for stamp, *_ in found] == [one.stamp for one in expected]
+        assert [q.tobytes() for *_, q in found] == [one.quaternion.tobytes() for one in expected]
+
+
+def test_accelerations_that_are_marked_absent_level_nothing(make_node, capture):
+    node = make_node(ImuPredictionNode, motion_source="gyro")
+    published = capture(node)
+    for k in range(20):
+        message = imu_message(k * 5_000_000, (0.0, 0.0, 0.0))
+        message.linear_acceleration.x = 9.8
+        message.linear_acceleration_covariance[0] = -1.0
+        node.on_imu(message)
+    assert len(published[TOPIC]) == 20
+    assert published[TOPIC][0].pose.pose.orientation.w == 1.0
+
+
 def test_a_gyroscope_without_twists_is_found_and_loses_no_sample(make_node, capture):
     found, told = (make_node(ImuPredictionNode, motion_source=s) for s in ("auto", "gyro"))
     published = [capture(node)[TOPIC] for node in (found, told)]

@@ -59,6 +59,8 @@ LARGEST_PIXEL = 1e6
 VELOCITY = Range("a velocity", -1e3, 1e3, "m/s")
 #: 160 turns in a second; gyroscopes end at 70 rad/s.
 TURN_RATE = Range("an angular velocity", -1e3, 1e3, "rad/s")
+#: A shell's in its barrel; accelerometers end at 4e3 m/s^2.
+SPECIFIC_FORCE = Range("a specific force", -1e6, 1e6, "m/s^2")
 POSITION = Range("a coordinate", -LARGEST_POSITION, LARGEST_POSITION, "m")
 #: Of a camera in its vehicle; ships have 4e2 m.
 MOUNT = Range("a camera's place in the body", -1e3, 1e3, "m")

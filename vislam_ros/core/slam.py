@@ -102,12 +102,13 @@ class Slam:
         self.previous_verdict: Judgement | None = None
         self._clear()
 
-    def _clear(self) -> None:
+    def _clear(self, *, stands: bool | None = None) -> None:
         """Forget all messages and the estimate, but not the camera."""
         streams = Stream.PREDICTION, Stream.FEATURES
         time_jumps = dict.fromkeys(streams, self._settings.time_jump)
         self._passes = Passes(time_jumps, self.refused.add)
         self._paths: dict[int, PredictedPath] = {}
+        self._stands = stands
         self._pending = PendingFrames(self._settings.max_pending)
         self._begin_pass(0)
 
@@ -150,7 +151,8 @@ class Slam:
     def reset(self) -> None:
         """Begin anew with the next features message, as at the start."""
         self._keep_pass()
-        self._clear()
+        paths = list(self._paths.values())
+        self._clear(stands=paths[-1].stands if paths else None)  # the odometry goes on
         self.resets += 1
 
     def _keep_pass(self) -> None:
@@ -169,9 +171,7 @@ class Slam:
     def set_camera(
         self, camera: StereoCamera, rectification: PixelRectification | None = None
     ) -> list[SlamStep]:
-        """Tell the calibration; features that came before it are waiting.
-
-        A calibration that differs from the one in use holds from the next pass on.
+        """Tell the calibration, for which features wait; another holds from the next pass on.
 
         Parameters
         ----------
@@ -219,7 +219,8 @@ class Slam:
         message = se3.pose_matrix(position, quaternion), velocity_known
         entered = self._passes.enter(Stream.PREDICTION, stamp, message)
         for number, believed, (T_odom_body, known) in entered:
-            path = self._paths.setdefault(number, PredictedPath(self._settings))
+            stands = self._stands if number == 0 else None
+            path = self._paths.setdefault(number, PredictedPath(self._settings, stands=stands))
             path.add(believed, T_odom_body, velocity_known=known)
         return self._advance()
 
@@ -243,8 +244,7 @@ class Slam:
         list of SlamStep
             The steps that became ready.
         """
-        ids = np.asarray(ids, dtype=np.uint32)
-        pixels = np.asarray(pixels, dtype=np.float32)
+        ids, pixels = np.asarray(ids, dtype=np.uint32), np.asarray(pixels, dtype=np.float32)
         stated = None if noise is None else np.asarray(noise, dtype=np.float32)
         try:
             check_features(ids, pixels, stated)
@@ -329,11 +329,12 @@ class Slam:
             self._camera_in_use = self._camera
             self._rectification_in_use = self._rectification
             self._estimator = self._new_estimator(self._camera)
+            if path.stands:
+                self._estimator.T_world_body = path.start(frame.stamp)
             self._verdict = Verdict(self._camera)
         frame = frame.rectified(self._rectification_in_use)
         tracked = self._tracks.observe(
-            frame.ids,
-            frame.pixels,
+            *(frame.ids, frame.pixels),
             lambda: self._motion_expected(increment),
             missed=self._frame_rate.enter(increment.duration),
             noise=frame.noise,

@@ -40,6 +40,9 @@ class Drive:
         ``[v; omega]`` in the body frame, metres and radians a second. The twist with stamp
         ``t[k+1]`` is the one that holds over the step from ``t[k]`` to ``t[k+1]``. All velocities
         are NaN where a gyroscope alone measures the motion.
+    accelerations : ndarray, (N, 3), or None
+        Specific force in the body frame beside the twists, m/s^2, NaN where it was not measured;
+        None where it never was. It tells how a body that stands is levelled at its start.
     feature_stamps : ndarray of int64, (T,)
         Nanoseconds, strictly increasing.
     offsets : ndarray of int64, (T + 1,)
@@ -71,6 +74,7 @@ class Drive:
     ids: NDArray[np.uint32]
     pixels: NDArray[np.float32]
     noise: NDArray[np.float32] | None = None
+    accelerations: NDArray[np.float64] | None = None
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
     refused: RefusalCounts = field(default_factory=RefusalCounts)

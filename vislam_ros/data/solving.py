@@ -98,7 +98,8 @@ def feed(
             stamp, noise = int(drive.feature_stamps[k]), drive.noise_of(k)
             yield None, slam.add_features(stamp, *drive.frame(k), noise)
             continue
-        motion = int(drive.twist_stamps[place]), drive.twists[place]
+        force = None if drive.accelerations is None else drive.accelerations[place]
+        motion = int(drive.twist_stamps[place]), drive.twists[place], force
         for prediction in reckoning.add_motion(*motion):
             pose = prediction.stamp, prediction.position, prediction.quaternion
             known = prediction.velocity_known

@@ -43,7 +43,8 @@ class Tracked:
     Attributes
     ----------
     ids : ndarray of uint32, (n,)
-        Increasing; an id stands for one point, and is never given again.
+        Increasing; an id stands for one point. When all 2^32 are used up, after days, those of
+        points that are long gone are given again, from 0 on.
     pixels : ndarray of float32, (n, 4)
         ``u_left, v_left, u_right, v_right`` in the rectified images.
     noise : ndarray of float32, (n,)
@@ -121,7 +122,7 @@ class StereoTracker:
         Raises
         ------
         VislamError
-            If an image is not (H, W) of uint8 and of the camera's size, or the ids are used up.
+            If an image is not (H, W) of uint8 and of the camera's size.
         """
         left, right = self._checked("left", left), self._checked("right", right)
         if self._turned is not None:
@@ -140,8 +141,7 @@ class StereoTracker:
         new = self._begun(points, left, right)
         seen, there_new = self._matched(new, left, right, _SEARCHED)
         new = new[seen]
-        new.ids[:] = np.arange(self._next_id, self._next_id + len(new))
-        self._next_id += len(new)
+        new.ids[:] = self._new_ids(len(new), points.ids)
         points = points.with_new(new)
         matches = np.concatenate([there.points, there_new.points])
         points.disparities = points.left[:, 0] - matches[:, 0]
@@ -149,11 +149,18 @@ class StereoTracker:
         self._points, self._before, self._turned = points, (left, right), np.eye(3)
         of_right = np.concatenate([there.covariance, there_new.covariance])
         of_left = np.concatenate([covariance, there_new.covariance])
-        return Tracked(
-            points.ids.copy(),
-            np.concatenate([points.left, matches], axis=1),
-            stated_noise(of_left, of_right, points.drift),
-        )
+        noise = stated_noise(of_left, of_right, points.drift)
+        rows = np.argsort(points.ids)  # as they are, but where ids have begun again
+        pixels = np.concatenate([points.left, matches], axis=1)
+        return Tracked(points.ids[rows], pixels[rows], noise[rows])
+
+    def _new_ids(self, count: int, taken: NDArray[np.uint32]) -> NDArray[np.int64]:
+        """Ids (count,) for new points, none of them among those that are taken (n,)."""
+        ids = (self._next_id + np.arange(count + len(taken), dtype=np.int64)) % _MOST_IDS
+        ids = ids[~np.isin(ids, taken)][:count]
+        if count:
+            self._next_id = (int(ids[-1]) + 1) % _MOST_IDS
+        return ids
 
     def _checked(self, name: str, image: Grey) -> Grey:
         width, height = self._size

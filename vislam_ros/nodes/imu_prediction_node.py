@@ -3,7 +3,7 @@
 """Dead reckoning as a node: ``imu/twist`` or ``imu/data`` in, ``prediction/odometry`` out."""
 
 import sys
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
@@ -27,6 +27,8 @@ from vislam_ros.nodes.spin import run
 from vislam_ros.nodes.tf import TransformSender
 
 Array = NDArray[np.float64]
+Sample: TypeAlias = tuple[int, Array, Array | None]
+"""Of an IMU: stamp (ns), angular velocity (3,), and specific force (3,) if it was measured."""
 
 _PAIRED = (Stream.TWIST, Stream.IMU)
 # So much of a gyroscope's data without a twist, or anybody who publishes twists, and there are
@@ -49,7 +51,7 @@ class ImuPredictionNode(Node):
         self._latest: Prediction | None = None
         self._published = 0
         self._source = prediction_settings.motion_source
-        self._held: list[tuple[int, Array]] = []  # of the gyroscope, until the source is chosen
+        self._held: list[Sample] = []  # of the IMU, until the source is chosen
         self.monitor = Monitor(self, self._describe)
         self._tf = TransformSender(self, self.monitor) if self._settings.publish_tf else None
         self._odometry = self.monitor.advertise(PREDICTION)
@@ -74,17 +76,18 @@ class ImuPredictionNode(Node):
     def on_imu(self, message: Imu) -> None:
         """Predict by the gyroscope, or if the twist of this stamp is here."""
         stamp, omega = decoding.angular_velocity(message, self._frames)
+        sample = stamp, omega, decoding.linear_acceleration(message)
         if self._source == "gyro":
-            self._predict(self.core.add_angular_velocity(stamp, omega))
+            self._predict(self.core.add_angular_velocity(*sample))
         elif self._source == "auto":
-            self._hold(stamp, omega)
+            self._hold(sample)
         if self._source != "gyro" and self._turns_are_imus:
             self._pair(Stream.IMU, stamp, omega)
 
-    def _hold(self, stamp: int, omega: Array) -> None:
-        """Keep a sample of the gyroscope until it is clear that there are no twists."""
-        self._held.append((stamp, omega))
-        if abs(stamp - self._held[0][0]) >= _PATIENCE:
+    def _hold(self, sample: Sample) -> None:
+        """Keep a sample of the IMU until it is clear that there are no twists."""
+        self._held.append(sample)
+        if abs(sample[0] - self._held[0][0]) >= _PATIENCE:
             self._choose("twist" if self.count_publishers(TWIST.name) else "gyro")
 
     def _choose(self, source: str) -> None:

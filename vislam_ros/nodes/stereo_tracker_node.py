@@ -31,7 +31,8 @@ from vislam_ros.nodes.diagnostics import Monitor, values_if_over
 from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
 from vislam_ros.nodes.settings import TrackerNodeSettings
 from vislam_ros.nodes.spin import run
-from vislam_ros.nodes.tracker.cameras import RawCameras, sized
+from vislam_ros.nodes.topics import message_class
+from vislam_ros.nodes.tracker.cameras import HEARD_TRANSFORMS, RawCameras, sized
 from vislam_ros.nodes.tracker.report import TrackerReport
 from vislam_ros.nodes.tracker.stereo_stream import ReadyPair, StereoStream
 
@@ -47,7 +48,11 @@ class StereoTrackerNode(Node):
         self._tracker_settings = declare_settings(self, TrackerSettings, self._change_tracker)
         self._frames = Frames(base=self._settings.base_frame, camera=self._settings.camera_frame)
         self._stream = StereoStream(self._settings, self._refuse)
-        self._cameras = RawCameras(self._frames, rectified=self._are_rectified())
+        self._cameras = RawCameras(
+            self._frames,
+            rectified=self._are_rectified(),
+            extrinsics_come=lambda: self.count_publishers(layout.EXTRINSICS.name) > 0,
+        )
         self._tracker: PairTracker | None = None
         self._trails = Trails()
         self._report = TrackerReport()
@@ -59,6 +64,8 @@ class StereoTrackerNode(Node):
         self._pictures = self.monitor.advertise(layout.TRACK_IMAGE)
         for topic in CALIBRATION_TOPICS:
             self.monitor.subscribe(topic, functools.partial(self.on_calibration, topic))
+        if message_class(HEARD_TRANSFORMS.msgtype) is not None:
+            self.monitor.subscribe(HEARD_TRANSFORMS, self.on_static_transforms)
         for side, topic in zip(_SIDES, self._image_topics(), strict=True):
             self.monitor.subscribe(topic, functools.partial(self.on_image, side))
         if self._settings.gyroscope != "never":
@@ -81,8 +88,18 @@ class StereoTrackerNode(Node):
 
     def on_calibration(self, topic: Topic, message: CameraInfo | TransformStamped) -> None:
         """Take a camera info or the extrinsics of the raw left camera."""
-        if not self._cameras.add(topic, message):
-            return
+        if self._cameras.add(topic, message):
+            self._recalibrate()
+
+    def on_static_transforms(self, message: Any) -> None:
+        """Take transforms that may tell where the left camera is on the body."""
+        try:
+            self._cameras.transforms.add(message.transforms)
+        finally:  # the good ones beside a bad one count
+            if self._cameras.settle():
+                self._recalibrate()
+
+    def _recalibrate(self) -> None:
         if self._tracker is not None:
             self.get_logger().warning("the calibration changed: it holds from the next pass on")
         self._stream.is_open = True

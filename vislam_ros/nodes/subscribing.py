@@ -28,6 +28,11 @@ _AT_ONCE = 16
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
+def is_named(end: TopicEndpointInfo) -> bool:
+    """Whether it is known whose end of a topic this is; an end may be found before its node is."""
+    return bool(end.node_name != _UNKNOWN)
+
+
 def mismatch(offered: QoSProfile, wanted: QoSProfile) -> str:
     """Policies that keep a publisher from a subscription, in words; empty where it is heard.
 
@@ -172,6 +177,6 @@ class MatchingSubscription:
                 reason = mismatch(one.qos_profile, listening)
             if reason:
                 name = f"{one.node_namespace.rstrip('/')}/{one.node_name}"
-                name = "a publisher" if _UNKNOWN in name else name
+                name = name if is_named(one) else "a publisher"
                 unheard.append(f"{name} on {self._topic.name} ({reason})")
         return unheard

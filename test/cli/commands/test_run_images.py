@@ -4,6 +4,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from imagery.bags import OURS, REALSENSE, drive_messages, write_messages
 from imagery.folders import FRAMES, write_asl, write_dataset, write_kitti_odometry
@@ -90,3 +91,15 @@ def test_tracks_can_be_made_before_the_run(start, tmp_path):
     assert main(["solve", str(images), "--out", str(solved)]) == 0
     assert_same(run, solved, FRAMES)
     assert not (run.out / "log" / "stereo_tracker_node.log").exists()
+
+
+def test_a_body_that_stands_tilted_is_levelled_live_as_offline(start, tmp_path):
+    images = write_asl(tmp_path / "V1_01")
+    table = images / "mav0" / "imu0" / "data.csv"
+    table.write_text(table.read_text().replace(",0.0,0.0,9.81", ",2.0,-1.0,9.552"))
+    run = start(images, "--rate", "0")
+    solved = tmp_path / "solved"
+    assert main(["solve", str(images), "--out", str(solved)]) == 0
+    assert_same(run, solved, FRAMES)
+    first = read_results(run.out).trajectory.T_world_body[0]
+    np.testing.assert_allclose(9.81 * first[2, :3], (2.0, -1.0, 9.552), atol=0.01)

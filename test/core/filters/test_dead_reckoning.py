@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning
 from vislam_ros.core.geometry import se3
+from vislam_ros.core.levelling import GRAVITY
 from vislam_ros.core.settings import PredictionSettings
 
 SECOND = 1_000_000_000
@@ -149,3 +150,48 @@ def test_a_sample_of_a_gyroscope_that_cannot_be_is_refused(omega):
     assert reckoning.add_angular_velocity(0, omega) == []
     assert sum(reckoning.refused.counts.values()) == 1
     assert next(iter(reckoning.refused.counts)).startswith("imu_")
+
+
+def standing(seconds, first=0.0):
+    """Samples at 100 Hz of an IMU that stands tilted: stamp (ns), angular velocity and force."""
+    force = GRAVITY * se3.exp_rotation([0.2, -0.1, 0.0])[2]
+    return [
+        (round((first + k / 100) * 1e9), np.array([0.0, 0.0, 0.01]), force)
+        for k in range(round(100 * seconds))
+    ]
+
+
+def told(core, samples):
+    return [p for sample in samples for p in core.add_angular_velocity(*sample)]
+
+
+def test_what_stands_begins_level_and_loses_no_sample():
+    core = DeadReckoning(PredictionSettings())
+    samples = standing(1.0)
+    early, late = told(core, samples[:50]), told(core, samples[50:])
+    assert not early
+    assert [p.stamp for p in late] == [stamp for stamp, *_ in samples]
+    R = se3.rotation_from_quaternion(late[0].quaternion)
+    assert_allclose(GRAVITY * R[2], samples[0][2], atol=1e-12)
+    assert_allclose(late[0].position, 0.0)
+    flat = told(DeadReckoning(PredictionSettings()), [(s, omega) for s, omega, _ in samples])
+    ours, theirs = ([se3.rotation_from_quaternion(p.quaternion) for p in x] for x in (late, flat))
+    assert_allclose(R.T @ ours[-1], theirs[-1], atol=1e-12)
+
+
+@pytest.mark.parametrize("force", [None, (np.nan, 0.0, 9.81)])
+def test_without_an_accelerometer_nothing_is_held_and_nothing_levelled(force):
+    core = DeadReckoning(PredictionSettings())
+    found = told(core, [(stamp, omega, force) for stamp, omega, _ in standing(0.1)])
+    assert len(found) == 10
+    assert found[0].quaternion.tolist() == [0.0, 0.0, 0.0, 1.0]
+
+
+def test_each_pass_is_levelled_anew_and_what_was_held_before_is_not_lost():
+    core = DeadReckoning(PredictionSettings())
+    samples = standing(0.3, first=100.0) + standing(1.0)
+    found = told(core, samples)
+    assert [p.stamp for p in found] == [stamp for stamp, *_ in samples]
+    assert core.resets == 1
+    assert found[0].quaternion.tolist() == [0.0, 0.0, 0.0, 1.0], "too short to tell"
+    assert found[30].quaternion.tolist() != [0.0, 0.0, 0.0, 1.0]

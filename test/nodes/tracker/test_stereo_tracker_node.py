@@ -27,11 +27,13 @@ from vislam_ros.data.drive import Drive
 from vislam_ros.data.image_sources import read_images
 from vislam_ros.data.images.tracking import tracked_drive
 from vislam_ros.nodes.stereo_tracker_node import StereoTrackerNode
+from vislam_ros.nodes.tracker.cameras import HEARD_TRANSFORMS
 
 NAMES = {**OURS, "imu": "/imu/data"}
 FEATURES = layout.FEATURES.recorded
 IMAGE, COMPRESSED = layout.LEFT_IMAGE.msgtype, layout.COMPRESSED_IMAGE
 TOPICS = {topic.recorded: topic for topic in (*layout.TOPICS, *layout.IMAGES)}
+TOPICS["/tf_static"] = HEARD_TRANSFORMS
 
 Message = tuple[str, str, int, Any]
 Published = dict[str, list[Any]]
@@ -51,10 +53,9 @@ def messages(*, compressed: bool = False) -> list[Message]:
 
 def send(node: Any, sent: Iterable[Message]) -> None:
     """Give a node messages as they come from the wire, if it hears their topic."""
-    heard = {topic.recorded: topic for topic in TOPICS.values()}
     for name, msgtype, _, message in sent:
-        if name not in ("/imu/twist", "/tf_static"):
-            topic: Topic = heard[name]
+        if name != "/imu/twist":
+            topic: Topic = TOPICS[name]
             node.monitor.take(topic, bytes(STORE.serialize_cdr(message, msgtype)))
 
 

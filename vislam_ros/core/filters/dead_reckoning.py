@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.geometry import se3
+from vislam_ros.core.levelling import Levelling
 from vislam_ros.core.motion import (
     UNKNOWN_VELOCITY_VARIANCE,
     Increment,
@@ -71,7 +72,9 @@ class DeadReckoning:
     """Pose from motion alone. It never takes a correction: it is the ``odom`` frame.
 
     A sample holds over the interval that ends at its stamp, so the first one only starts the
-    clock: the pose begins at the identity. From a gyroscope alone the pose turns in its place.
+    clock: the pose begins at the identity. From a gyroscope alone the pose turns in its place;
+    with an accelerometer beside it, it begins level where the body stands (see
+    :mod:`vislam_ros.core.levelling`).
     """
 
     def __init__(self, settings: PredictionSettings):
@@ -88,6 +91,8 @@ class DeadReckoning:
         self._unmeasured = 0.0  # seconds without a velocity
         self._T = np.eye(4)
         self._covariance = self._settings.prior_pose_variance * np.eye(6)
+        self._levelling: Levelling | None = Levelling()
+        self._held: list[tuple[int, Array]] = []  # until it is known how the body stands
 
     def add_twist(self, stamp: int, twist: ArrayLike) -> list[Prediction]:
         """Carry the pose to a stamp, or to those that are believed with it.
@@ -111,9 +116,11 @@ class DeadReckoning:
         except RefusedMessage as error:
             self.refused.add(Stream.TWIST, error.refusal, stamp)
             return []
-        return self._enter(Stream.TWIST, stamp, twist)
+        return self._enter(Stream.TWIST, stamp, (twist, None))
 
-    def add_angular_velocity(self, stamp: int, omega: ArrayLike) -> list[Prediction]:
+    def add_angular_velocity(
+        self, stamp: int, omega: ArrayLike, acceleration: ArrayLike | None = None
+    ) -> list[Prediction]:
         """Turn the pose up to a stamp by a gyroscope; a pass has either these or twists.
 
         Parameters
@@ -122,11 +129,13 @@ class DeadReckoning:
             Nanoseconds.
         omega : array_like, (3,)
             Radians a second, over the interval that ends at ``stamp``.
+        acceleration : array_like, (3,), optional
+            Specific force, m/s^2, where it was measured; one with NaN was not.
 
         Returns
         -------
         list of Prediction
-            As of :meth:`add_twist`.
+            As of :meth:`add_twist`; also empty until it is known how the body stands.
         """
         omega = np.asarray(omega, dtype=float)
         try:
@@ -134,23 +143,40 @@ class DeadReckoning:
         except RefusedMessage as error:
             self.refused.add(Stream.IMU, error.refusal, stamp)
             return []
-        return self._enter(Stream.IMU, stamp, angular_twist(omega))
+        force = None if acceleration is None else np.asarray(acceleration, dtype=float)
+        if force is not None and np.isnan(force).any():
+            force = None
+        return self._enter(Stream.IMU, stamp, (angular_twist(omega), force))
 
-    def add_motion(self, stamp: int, twist: Array) -> list[Prediction]:
-        """Take a twist (6,), or the angular velocity in one whose velocity is NaN."""
+    def add_motion(
+        self, stamp: int, twist: Array, acceleration: Array | None = None
+    ) -> list[Prediction]:
+        """Take a twist (6,), or what an IMU measured in one whose velocity is NaN."""
         if measures_velocity(twist):
             return self.add_twist(stamp, twist)
-        return self.add_angular_velocity(stamp, twist[3:])
+        return self.add_angular_velocity(stamp, twist[3:], acceleration)
 
-    def _enter(self, stream: Stream, stamp: int, twist: Array) -> list[Prediction]:
+    def _enter(
+        self, stream: Stream, stamp: int, sample: tuple[Array, Array | None]
+    ) -> list[Prediction]:
         predictions = []
-        for number, believed, its_twist in self._passes.enter(stream, stamp, twist):
+        for number, believed, (twist, acceleration) in self._passes.enter(stream, stamp, sample):
             if number != self._pass:
+                predictions += self._released()
                 self._pass = number
                 self._start()
                 self.resets += 1
-            predictions.append(self._predict(believed, its_twist))
+            self._held.append((believed, twist))
+            if self._levelling is None or self._levelling.add(believed, twist[3:], acceleration):
+                predictions += self._released()
         return predictions
+
+    def _released(self) -> list[Prediction]:
+        """Predict all that was held, from the attitude in which the body stands."""
+        if self._levelling is not None and self._levelling.R_world_body is not None:
+            self._T[:3, :3] = self._levelling.R_world_body
+        held, self._held, self._levelling = self._held, [], None
+        return [self._predict(*sample) for sample in held]
 
     @property
     def refused_if_over(self) -> RefusalCounts:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
+from vislam_ros.core.levelling import LARGEST_GYRO_OFFSET, level_attitude
 from vislam_ros.core.motion import (
     UNKNOWN_VELOCITY_VARIANCE,
     Increment,
@@ -29,18 +30,25 @@ _MISSING = 1.5
 class PredictedPath:
     """Predicted poses of one pass, by stamp.
 
-    Only increments are ever taken from it, so a lost prediction costs nothing but its share of
-    process noise: the pose at its stamp is interpolated on SE(3) between its neighbours, whose
-    own pose sums up all twists.
+    Where the first of them is turned, the odometry frame is one that stands, such as a level one,
+    and the map is to stand as it does; else that is only where the body was.
+
+    But for that only increments are taken from it, so a lost prediction costs nothing but its
+    share of process noise: the pose at its stamp is interpolated on SE(3) between its neighbours,
+    whose own pose sums up all twists.
 
     Attributes
     ----------
     settings : MotionSettings
         May be replaced at any time; the noise of later increments is made by it.
+    stands : bool or None
+        Whether the odometry frame does; None before the first pose.
     """
 
-    def __init__(self, settings: MotionSettings):
+    def __init__(self, settings: MotionSettings, *, stands: bool | None = None):
         self.settings = settings
+        self.stands = stands
+        self._first: tuple[int, Array] | None = None
         self._stamps: list[int] = []
         self._poses: list[Array] = []
         self._spans: list[int] = []  # for which the sample of a stamp stands [ns]
@@ -52,6 +60,10 @@ class PredictedPath:
 
         Where the velocity is not known, the pose tells the rotation alone.
         """
+        if self._first is None:
+            self._first = stamp, T_odom_body
+            if self.stands is None:
+                self.stands = not np.array_equal(T_odom_body[:3, :3], np.eye(3))
         interval = stamp - self._stamps[-1] if self._stamps else 0
         missing = interval > _MISSING * self._interval > 0
         self._spans.append(self._interval if missing else interval)
@@ -81,6 +93,22 @@ class PredictedPath:
         begin, end = self._stamps[after - 1], self._stamps[after]
         fraction = (stamp - begin) / (end - begin)
         return se3.interpolate(self._poses[after - 1], self._poses[after], fraction)
+
+    def start(self, stamp: int) -> Array:
+        """Pose (4, 4) in which an estimate begins at a stamp (ns) inside the path.
+
+        In its place and with the yaw 0, it stands as the body does in the odometry frame. What
+        turned since the first pose no faster than a gyroscope's offset has not turned.
+        """
+        T = np.eye(4)
+        if self.stands and self._first is not None:
+            first, T_odom_body = self._first
+            T_now = self.pose(stamp)
+            turn = np.linalg.norm(se3.log_rotation(T_odom_body[:3, :3].T @ T_now[:3, :3]))
+            if turn > LARGEST_GYRO_OFFSET * (stamp - first) * 1e-9:
+                T_odom_body = T_now
+            T[:3, :3] = level_attitude(T_odom_body[2, :3])
+        return T
 
     def increment(self, begin: int, end: int, usual: float) -> Increment:
         """Motion between two stamps (ns) inside the path, with the noise of every twist in it.

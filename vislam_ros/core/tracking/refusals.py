@@ -27,6 +27,7 @@ class Stream(enum.Enum):
     FEATURES = "features"
     CAMERA_INFO = "camera_info"
     EXTRINSICS = "extrinsics"
+    STATIC_TRANSFORMS = "tf_static"
     LEFT_IMAGE = "left_image"
     RIGHT_IMAGE = "right_image"
     IMAGES = "images"

@@ -22,7 +22,14 @@ from vislam_ros.core.geometry.pixel_rectification import (
     rectified_pair,
 )
 from vislam_ros.core.motion import UNKNOWN_VELOCITY_VARIANCE
-from vislam_ros.core.ranges import BASELINE, FOCAL_LENGTH, MOUNT, PRINCIPAL_POINT, TURN_RATE
+from vislam_ros.core.ranges import (
+    BASELINE,
+    FOCAL_LENGTH,
+    MOUNT,
+    PRINCIPAL_POINT,
+    SPECIFIC_FORCE,
+    TURN_RATE,
+)
 from vislam_ros.core.tracking.refusals import (
     Refusal,
     RefusedMessage,
@@ -94,6 +101,15 @@ def angular_velocity(message: Any, frames: Frames) -> tuple[int, Array]:
     )
     check_range(TURN_RATE, omega)
     return stamp_of(message.header), omega
+
+
+def linear_acceleration(message: Any) -> Array | None:
+    """Specific force (3,) of an Imu, m/s^2; None where it has none, or none that can be."""
+    if message.linear_acceleration_covariance[0] == -1.0:
+        return None
+    a = message.linear_acceleration
+    force = np.array([a.x, a.y, a.z])
+    return None if SPECIFIC_FORCE.complaint(force) else force
 
 
 def features(

@@ -151,15 +151,18 @@ class DriveMessages:
         ]
 
     def imu(self, k: int) -> Any:
-        """Angular velocity of a twist."""
+        """Angular velocity of a twist, and the force where it was measured."""
+        forces = self._drive.accelerations
+        force = self._none if forces is None else self._vector(forces[k])
+        measured = forces is not None and not np.isnan(forces[k]).any()
         return self._new["Imu"](
             header=self._header(self._drive.twist_stamps[k], self._frames.base),
             orientation=self._quaternion((0.0, 0.0, 0.0, 1.0)),
             orientation_covariance=_ABSENT,
             angular_velocity=self._vector(self._drive.twists[k, 3:]),
             angular_velocity_covariance=_UNKNOWN,
-            linear_acceleration=self._none,
-            linear_acceleration_covariance=_ABSENT,
+            linear_acceleration=force if measured else self._none,
+            linear_acceleration_covariance=_UNKNOWN if measured else _ABSENT,
         )
 
     def twist(self, k: int) -> Any:

@@ -28,9 +28,11 @@ class GatheredPass:
 
     Attributes
     ----------
-    twists, turns : list of (int, ndarray)
-        Twists (6,), or a gyroscope's samples as such; and the IMU's angular velocities (3,) where
-        they take the place of the twists' own.
+    twists : list of (int, ndarray, ndarray or None)
+        Twists (6,), or a gyroscope's samples as such, with the force (3,) that was measured beside
+        them.
+    turns : list of (int, ndarray)
+        The IMU's angular velocities (3,) where they take the place of the twists' own.
     frames : list of (int, ndarray, ndarray, ndarray or None)
         Ids (n,), pixels (n, 4), and their noise (n,) where it is stated.
     poses : list of (int, ndarray, ndarray)
@@ -42,7 +44,7 @@ class GatheredPass:
     refused : RefusalCounts
     """
 
-    twists: list[tuple[int, Array]] = field(default_factory=list)
+    twists: list[tuple[int, Array, Array | None]] = field(default_factory=list)
     turns: list[tuple[int, Array]] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
     poses: list[tuple[int, Array, Array]] = field(default_factory=list)
@@ -80,13 +82,13 @@ class GatheredPass:
         pairs = StampPairs(
             lambda stream, stamp: self.refused.add(streams[stream], Refusal.UNPAIRED, stamp)
         )
-        values = [(stamp, 0, twist) for stamp, twist in self.twists]
+        values = [(stamp, 0, twist) for stamp, twist, _ in self.twists]
         values += [(stamp, 1, omega) for stamp, omega in turns]
         self.twists = []
         for stamp, stream, value in sorted(values, key=itemgetter(0, 1)):
             if pair := pairs.add(stream, stamp, value):
                 twist, omega = pair
-                self.twists.append((stamp, np.concatenate([twist[:3], omega])))
+                self.twists.append((stamp, np.concatenate([twist[:3], omega]), None))
 
     def has_motion(self) -> bool:
         """Whether the twists, sorted, reach any of the frames."""
@@ -107,7 +109,8 @@ class GatheredPass:
             camera=self.camera,
             image_size=image_size if all(image_size) else image_size_that_holds(pixels),
             twist_stamps=_stamps(self.twists),
-            twists=np.array([twist for _, twist in self.twists]).reshape(-1, 6),
+            twists=np.array([twist for _, twist, _ in self.twists]).reshape(-1, 6),
+            accelerations=_measured([force for _, _, force in self.twists]),
             feature_stamps=_stamps(self.frames),
             offsets=np.cumsum([0, *(len(ids) for ids, _, _ in seen)], dtype=np.int64),
             ids=np.concatenate([np.empty(0, np.uint32), *(ids for ids, _, _ in seen)]),
@@ -123,6 +126,13 @@ def _stated(noise: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] 
     """Noise (n,) of all observations; None unless all frames state it."""
     stated = [values for values in noise if values is not None]
     return np.concatenate(stated) if stated and len(stated) == len(noise) else None
+
+
+def _measured(forces: Sequence[Array | None]) -> Array | None:
+    """Forces (N, 3), NaN where there is none; None where there are none at all."""
+    if all(force is None for force in forces):
+        return None
+    return np.array([np.full(3, np.nan) if force is None else force for force in forces])
 
 
 def _stamps(items: Sequence[tuple[Any, ...]]) -> NDArray[np.int64]:

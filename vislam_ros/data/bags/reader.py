@@ -226,12 +226,15 @@ class _Reading:
         frames = self._rules.frames
         if topic is TWIST:
             for gathered, twist in self._enter(Stream.TWIST, decoding.twist(message, frames)):
-                gathered.twists.append(twist)
+                gathered.twists.append((*twist, None))
         elif topic is IMU:
-            came = decoding.angular_velocity(message, frames)
-            for gathered, (stamp, omega) in self._enter(Stream.IMU, came):
+            came = (
+                *decoding.angular_velocity(message, frames),
+                decoding.linear_acceleration(message),
+            )
+            for gathered, (stamp, omega, force) in self._enter(Stream.IMU, came):
                 if self._motion is IMU:
-                    gathered.twists.append((stamp, angular_twist(omega)))
+                    gathered.twists.append((stamp, angular_twist(omega), force))
                 else:
                     gathered.turns.append((stamp, omega))
         elif topic is FEATURES:

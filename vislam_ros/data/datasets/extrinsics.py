@@ -120,9 +120,7 @@ def choose_reading(candidates: Sequence[Candidate], conventions: Conventions) ->
     first = candidates[0]
     if not first.words:
         return 0, first.drive
-    # The place of the IMU changes little here, and takes long to find.
-    quick = dataclasses.replace(conventions, twist_origin="body")
-    errors = [_median_error(settle_conventions(each.drive, quick)) for each in candidates]
+    errors = [quick_error(each.drive, conventions) for each in candidates]
     best = int(np.argmin(errors))
     if not errors[best] < CLEARLY_SMALLER * errors[0]:
         best = 0
@@ -140,7 +138,10 @@ def choose_reading(candidates: Sequence[Candidate], conventions: Conventions) ->
     return best, dataclasses.replace(drive, notes=(*drive.notes, note))
 
 
-def _median_error(drive: Drive) -> float:
+def quick_error(drive: Drive, conventions: Conventions) -> float:
     """One-step reprojection error, pixels; infinite where too few landmarks tell."""
+    # The place of the IMU changes little here, and takes long to find.
+    quick = dataclasses.replace(conventions, twist_origin="body")
+    drive = settle_conventions(drive, quick)
     errors = reprojection_errors(drive, step_pairs(drive))
     return float(np.median(errors)) if len(errors) >= MIN_RESIDUALS else np.inf

@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 from vislam_ros.core.geometry.pixel_rectification import PixelRectification
 from vislam_ros.core.ranges import GAP, LARGEST_PIXEL, POSITION, TURN_RATE, VELOCITY, Range
 from vislam_ros.data.datasets.arrays.array_stream import Arrays, open_arrays
-from vislam_ros.data.datasets.calibration import read_pairs
+from vislam_ros.data.datasets.calibration import ReadPair, read_pairs
 from vislam_ros.data.datasets.conventions import AS_FOUND, Conventions, settle_conventions
-from vislam_ros.data.datasets.extrinsics import Candidate, choose_reading
+from vislam_ros.data.datasets.extrinsics import Candidate, choose_reading, quick_error
 from vislam_ros.data.datasets.members import finite, wrong_shape
 from vislam_ros.data.datasets.mending import AS_STORED, Mending, mended_stamps
+from vislam_ros.data.datasets.principal_point import with_left_column
 from vislam_ros.data.datasets.sparse_features import (
     Axes,
     DenseFeatures,
@@ -125,11 +126,9 @@ def read_with_rectification(
 
     if unknown:
         notes.append(f"Ignored keys that are no part of the format: {', '.join(unknown)}.")
-    candidates: list[Candidate] = []
-    rectifications: list[PixelRectification | None] = []
-    for reading in readings:
-        pair = reading.fitting(features.pixels)
-        seen = rectified(features, pair.rectification)
+
+    def candidate(pair: ReadPair, rectification: PixelRectification | None) -> Candidate:
+        seen = rectified(features, rectification)
         left_out = seen.unusable and (
             f"Left out {seen.unusable} observations with a pixel that is not finite or beyond "
             f"{LARGEST_PIXEL:.0f}."
@@ -148,12 +147,32 @@ def read_with_rectification(
             notes=(*notes, *([left_out] if left_out else []), *pair.notes),
         )
         complaint = pair.complaint and f"{path}: {pair.complaint}"
-        candidates.append(Candidate(pair.reading, drive, complaint))
-        rectifications.append(pair.rectification)
-    chosen, drive = choose_reading(candidates, conventions)
+        return Candidate(pair.reading, drive, complaint)
+
+    pairs = [reading.fitting(features.pixels) for reading in readings]
+    candidates = [candidate(pair, pair.rectification) for pair in pairs]
+
+    def right_camera(place: int) -> Finding | None:
+        """Whether the right principal point of a candidate is off."""
+        other = with_left_column(pairs[place].rectification)
+        if other is None:
+            return None
+        rectification, points = other
+        drives = candidates[place].drive, candidate(pairs[place], rectification).drive
+        return points.finding(*(quick_error(drive, conventions) for drive in drives))
+
+    try:
+        chosen, drive = choose_reading(candidates, conventions)
+    except VislamError as error:
+        # A wrong depth may fit wrong axes better than the right ones.
+        if off := right_camera(0):
+            raise VislamError(f"{path}: {off.words}: {off.advice}") from error
+        raise
+    if off := right_camera(chosen):
+        drive = drive.with_finding(off)
     if late is not None:
         drive = drive.with_finding(late)
-    return settle_conventions(drive, conventions), rectifications[chosen]
+    return settle_conventions(drive, conventions), pairs[chosen].rectification
 
 
 def _find_key(path: Path, arrays: Arrays, what: str) -> str:

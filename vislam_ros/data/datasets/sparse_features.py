@@ -5,6 +5,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,9 +117,6 @@ def gather_observations(
     """
     M, T = stream.shape[axes[1]], stream.shape[axes[2]]
     total = math.prod(stream.shape)
-    # Strides in numbers, by (component, track, step).
-    strides = np.cumprod([1, *(stream.shape if stream.fortran_order else stream.shape[::-1])])
-    places = [axis if stream.fortran_order else 2 - axis for axis in axes]
     # A cell is a (step, track) pair, numbered in the order that is wanted.
     cells: list[list[NDArray[np.int64]]] = [[], [], [], []]
     values: list[list[NDArray[np.float64]]] = [[], [], [], []]
@@ -135,23 +133,28 @@ def gather_observations(
                 "bytes can tell"
             )
         present_values = chunk[present].astype(np.float64)
-        index = present + start
-        component, track, step = (
-            index // strides[place] % stream.shape[axis]
-            for place, axis in zip(places, axes, strict=True)
-        )
+        order: Literal["F", "C"] = "F" if stream.fortran_order else "C"
+        place = np.unravel_index(present + start, stream.shape, order)
+        component, track, step = (place[axis] for axis in axes)
         cell = step * M + track
-        for c in np.unique(component):
-            cells[c].append(cell[component == c])
-            values[c].append(present_values[component == c])
+        for c in range(4):
+            of_c = component == c
+            cells[c].append(cell[of_c])
+            values[c].append(present_values[of_c])
         start += len(chunk)
         if progress is not None:
             progress(start / total)
 
     every_cell = [np.concatenate([np.empty(0, dtype=np.int64), *part]) for part in cells]
-    seen = np.unique(np.concatenate(every_cell))
-    pixels = np.full((len(seen), 4), ABSENT)
-    for c in range(4):
-        pixels[np.searchsorted(seen, every_cell[c]), c] = np.concatenate([np.empty(0), *values[c]])
+    every_value = [np.concatenate([np.empty(0), *part]) for part in values]
+    first = every_cell[0]
+    if all(np.array_equal(other, first) for other in every_cell[1:]):  # as trackers write them
+        rows = np.argsort(first, kind="stable")
+        seen, pixels = first[rows], np.column_stack(every_value)[rows]
+    else:
+        seen = np.unique(np.concatenate(every_cell))
+        pixels = np.full((len(seen), 4), ABSENT)
+        for c in range(4):
+            pixels[np.searchsorted(seen, every_cell[c]), c] = every_value[c]
     step_of, tracks = np.divmod(seen, max(M, 1))
     return DenseFeatures(T, step_of, tracks.astype(np.uint32), pixels)

@@ -8,6 +8,7 @@ Its arrays (T frames, N twists, n observations)::
     stamps (T,), offsets (T + 1,)             nanoseconds; frame k has the rows offsets[k] to [k+1]
     ids (n,), pixels (n, 4), noise (n,)       u_left, v_left, u_right, v_right; noise is optional
     twist_stamps (N,), twists (N, 6)          nanoseconds; [v; omega], v NaN if not measured
+    accelerations (N, 3)                      specific force, NaN if not measured; optional
     camera (12,), image_size (2,)             fields of StereoCamera in their order; pixels
     truth_stamps, truth_positions, truth_quaternions    the ground truth, optional
     name, notes                               UTF-8 as numbers of 8 bits; a note a line
@@ -31,6 +32,7 @@ from vislam_ros.core.ranges import (
     PIXEL,
     POSITION,
     PRINCIPAL_POINT,
+    SPECIFIC_FORCE,
     TURN_RATE,
     VELOCITY,
 )
@@ -93,6 +95,8 @@ def write_tracks(path: Path, drive: Drive, *, force: bool = False) -> None:
     }
     if drive.noise is not None:
         arrays["noise"] = drive.noise
+    if drive.accelerations is not None:
+        arrays["accelerations"] = drive.accelerations
     if drive.ground_truth is not None:
         truth = drive.ground_truth
         arrays |= dict(
@@ -150,6 +154,7 @@ def read(path: Path) -> Drive:
             ids=ids,
             pixels=pixels,
             noise=noise,
+            accelerations=_accelerations(path, arrays, len(twist_stamps)),
             ground_truth=_truth(path, arrays) if _TRUTH[0] in arrays else None,
             notes=tuple(filter(None, _text(path, arrays, "notes").split("\n"))),
         )
@@ -201,6 +206,14 @@ def _twists(path: Path, arrays: Arrays, count: int) -> NDArray[np.float64]:
     if not np.all(np.isnan(twists[:, :3])):
         VELOCITY.require(twists[:, :3], f"{path}: twists")
     return twists
+
+
+def _accelerations(path: Path, arrays: Arrays, count: int) -> NDArray[np.float64] | None:
+    if "accelerations" not in arrays:
+        return None
+    forces = _read(path, arrays, "accelerations", np.float64, (count, 3))
+    SPECIFIC_FORCE.require(forces[~np.isnan(forces)], f"{path}: accelerations")
+    return forces
 
 
 def _camera(path: Path, arrays: Arrays) -> StereoCamera:

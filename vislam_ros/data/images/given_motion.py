@@ -60,7 +60,7 @@ class GivenMotion:
         """Motion, stamps, camera and truth of a drive."""
         return cls(
             source=source,
-            motion=Motion(drive.twist_stamps, drive.twists),
+            motion=Motion(drive.twist_stamps, drive.twists, drive.accelerations),
             frames=drive.feature_stamps if drive.steps else None,
             camera=drive.camera,
             rectification=rectification,

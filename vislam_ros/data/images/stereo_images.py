@@ -47,7 +47,7 @@ class Motion:
         ``[v; omega]`` in the body frame, metres and radians a second; v is NaN where the velocity
         is not measured.
     accelerations : ndarray, (N, 3), or None
-        Specific force in the body frame, m/s^2.
+        Specific force in the body frame, m/s^2; NaN where it was not measured.
     """
 
     stamps: NDArray[np.int64]

@@ -83,6 +83,7 @@ def tracked_drive(
         image_size=tracker.image_size,
         twist_stamps=motion.stamps,
         twists=motion.twists,
+        accelerations=motion.accelerations,
         feature_stamps=np.array(stamps, dtype=np.int64),
         offsets=np.cumsum([len(each) for each in ids], dtype=np.int64),
         ids=np.concatenate(ids),

@@ -9,10 +9,12 @@ answer. A node that is busy tells nothing.
 """
 
 import time
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from vislam_ros.data.bags.layout import (
     DIAGNOSTICS,
@@ -27,6 +29,7 @@ from vislam_ros.data.results.completeness import TRACKER, Ledger, NodeReport
 from vislam_ros.nodes.diagnostics import neighbour
 from vislam_ros.nodes.player.outlets import Outlet
 from vislam_ros.nodes.player.window import FeatureWindow
+from vislam_ros.nodes.subscribing import is_named
 from vislam_ros.nodes.topics import STREAM
 
 #: Topics between the nodes, and which nodes must hear them.
@@ -91,13 +94,22 @@ class GraphWatch:
 
     def _present(self) -> list[str]:
         """Nodes that are there, by whichever of their ends was found first."""
-        node = self._node
-        ends = [
-            *(node.get_publishers_info_by_topic(topic) for topic in PUBLISHERS),
-            *(node.get_subscriptions_info_by_topic(t.name) for t in (TWIST, IMU, FEATURES)),
-        ]
-        names = {info.node_name for infos in ends for info in infos}
+        names = {end.node_name for ends in self._ends().values() for end in ends}
         return [name for name in REPORTING if name in names]
+
+    def _ends(self) -> dict[str, list[TopicEndpointInfo]]:
+        """Ends of topics by which a node is known to be there."""
+        node = self._node
+        ends: dict[str, list[TopicEndpointInfo]] = defaultdict(list)
+        for topic in PUBLISHERS:
+            ends[topic] += node.get_publishers_info_by_topic(topic)
+        for topic in (TWIST.name, IMU.name, FEATURES.name, *LINKS):
+            ends[topic] += node.get_subscriptions_info_by_topic(topic)
+        return ends
+
+    def _unnamed(self) -> list[str]:
+        """Topics with an end of somebody who is there, and of whom it is not known yet who."""
+        return [topic for topic, ends in self._ends().items() if not all(map(is_named, ends))]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -125,7 +137,8 @@ class GraphWatch:
         whole : bool
             Whether all of the nodes must be there, or only those that are must hear each other.
         """
-        missing, links, nodes = [], LINKS, self._present()
+        missing = [f"the name of a node on {topic}" for topic in self._unnamed()]
+        links, nodes = LINKS, self._present()
         for outlet in for_tracker:
             links = {**LINKS, FEATURES.name: ("slam_node",)}
             hearers = [

@@ -31,6 +31,9 @@ from vislam_ros.errors import VislamError
 Array = NDArray[np.float64]
 
 
+_UNKNOWN = np.full(3, np.nan)
+
+
 class RecordedMotion:
     """Takes the messages of a bag that are no images, and tells what they say.
 
@@ -91,13 +94,11 @@ class RecordedMotion:
         if not self._omegas:
             return None
         stamps = sorted(self._omegas)
-        accelerations = None
-        if self._accelerations.keys() == self._omegas.keys():
-            accelerations = np.array([self._accelerations[stamp] for stamp in stamps])
+        accelerations = np.array([self._accelerations[stamp] for stamp in stamps])
         return Motion.of_imu(
             np.array(stamps, dtype=np.int64),
             np.array([self._omegas[stamp] for stamp in stamps]),
-            accelerations,
+            None if np.isnan(accelerations).all() else accelerations,
         )
 
     def ground_truth(self) -> Trajectory | None:
@@ -146,9 +147,8 @@ class RecordedMotion:
         elif topic is IMU:
             stamp, omega = decoding.angular_velocity(message, self._frames_of(message))
             self._omegas.setdefault(stamp, omega)
-            if message.linear_acceleration_covariance[0] != -1.0:
-                a = message.linear_acceleration
-                self._accelerations.setdefault(stamp, np.array([a.x, a.y, a.z]))
+            force = decoding.linear_acceleration(message)
+            self._accelerations.setdefault(stamp, _UNKNOWN if force is None else force)
 
     def _frames_of(self, message: Any) -> Frames:
         """Frames to hold the motion against: with extrinsics theirs, or those of its first one."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.tracking.refusals import check_pose
+from vislam_ros.core.tracking.refusals import RefusedMessage, check_pose
 
 Array = NDArray[np.float64]
 
@@ -22,21 +22,28 @@ class StaticTransforms:
         self._neighbours: dict[str, dict[str, Array]] = {}
 
     def add(self, transforms: Iterable[Any]) -> None:
-        """Take TransformStamped messages.
+        """Take TransformStamped messages; a bad one among them costs no other.
 
         Raises
         ------
         RefusedMessage
             Where one holds no pose.
         """
+        refused: RefusedMessage | None = None
         for stamped in transforms:
             t, q = stamped.transform.translation, stamped.transform.rotation
             position, quaternion = np.array([t.x, t.y, t.z]), np.array([q.x, q.y, q.z, q.w])
-            check_pose(position, quaternion)
-            T = se3.pose_matrix(position, quaternion / np.linalg.norm(quaternion))
+            try:
+                check_pose(position, quaternion)
+            except RefusedMessage as error:
+                refused = refused or error
+                continue
+            T = se3.pose_matrix(position, quaternion)
             parent, child = frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id)
             self._neighbours.setdefault(parent, {})[child] = T
             self._neighbours.setdefault(child, {})[parent] = se3.inverse(T)
+        if refused is not None:
+            raise refused
 
     def pose(self, base: str, frame: str) -> Array | None:
         """Pose (4, 4) of a frame in a base, None where no chain joins them."""

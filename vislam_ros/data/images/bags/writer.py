@@ -105,6 +105,7 @@ def motion_drive(images: StereoImages) -> Drive:
         image_size=images.rig.left.image_size,
         twist_stamps=motion.stamps,
         twists=motion.twists,
+        accelerations=motion.accelerations,
         feature_stamps=images.stamps,
         offsets=np.zeros(len(images) + 1, dtype=np.int64),
         ids=np.empty(0, dtype=np.uint32),

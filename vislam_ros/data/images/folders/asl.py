@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.stereo_rig import StereoRig
-from vislam_ros.core.ranges import POSITION, TURN_RATE
+from vislam_ros.core.ranges import POSITION, SPECIFIC_FORCE, TURN_RATE
 from vislam_ros.data.images.folders.asl_sensors import (
     CameraOnBody,
     read_camchain,
@@ -143,6 +143,7 @@ def _motion(root: Path, notes: list[str]) -> Motion:
     path = root / _IMU / _TABLE
     stamps, values = read_numbers(path, 6, notes)
     TURN_RATE.require(values[:, :3], str(path))
+    SPECIFIC_FORCE.require(values[:, 3:], str(path))
     return Motion.of_imu(stamps, values[:, :3], values[:, 3:])
 
 
