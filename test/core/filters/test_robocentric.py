@@ -102,9 +102,9 @@ def test_state_and_covariance_are_the_dense_filters(
     filter_ = RobocentricFilter(settings, drive.camera)
     dense = DenseRobocentricFilter(settings, drive.camera)
     rejected, shares = 0, []
-    # At the first step a landmark's place is known to hundreds of pixels, and then to one:
-    # rounding in P - Y^T Y costs the square of that.
-    tolerance = 1e-5 if kind == "gyroscope" else 1e-9
+    # At the first step a landmark's place is known to hundreds of pixels, and then to one: the
+    # dense filter corrects that at once, and rounding costs the square of it.
+    tolerance = 1e-6 if kind == "gyroscope" else 1e-9
     for increment, frame, outcome in run(filter_, drive, settings):
         assert dense.step(increment, frame) == outcome.rejected.tolist()
         rejected += len(outcome.rejected)

@@ -83,7 +83,7 @@ from vislam_ros.core.noise.track_noise import TrackNoise
 from vislam_ros.core.noise.track_runs import TrackRuns
 from vislam_ros.core.operations.bias_belief import BiasBelief, bias_belief
 from vislam_ros.core.operations.correction import VehicleCorrection
-from vislam_ros.core.operations.direct_correction import DirectCorrection
+from vislam_ros.core.operations.direct_correction import DirectCorrection, correct_gradually
 from vislam_ros.core.operations.error_state import ErrorState, Operation, Recorder, Result
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
@@ -142,8 +142,7 @@ class RobocentricFilter:
         self._marginalized = ImagePointMap(camera)
         self._believed: BiasBelief | None = None  # of the present state
         self.T_world_body = np.eye(4)
-        self.twist, self.gyro_bias = np.zeros(6), np.zeros(3)
-        self.kappa = 0.0
+        self.twist, self.gyro_bias, self.kappa = np.zeros(6), np.zeros(3), 0.0
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.image_points: Array = np.empty((0, 3))
 
@@ -296,11 +295,13 @@ class RobocentricFilter:
         tails = self._track_noise.with_tails(slots, noise, inliers.inverse, inliers.weighted)
         seen, R, R_tails = residual[:, used], noise[:, used], tails[:, used]
         inliers = gating.with_more_noise(inliers, (R_tails - R).ravel(), seen)
-        corrected = self._apply(DirectCorrection(seen, R_tails, slots, used, inliers))
+        self._believed = None
+        correction = DirectCorrection(seen, R_tails, slots, used, inliers)
+        self._shift(correct_gradually(self._state, correction))
         information = inliers.inverse.diagonal()
         self._track_noise.update(slots, residual, noise, information, inliers.weighted)
-        self._shift(corrected.delta)
-        return Outcome(len(slots), 0, rejected, corrected.nis, len(inliers.weighted))
+        nis = float(seen.ravel() @ inliers.weighted)
+        return Outcome(len(slots), 0, rejected, nis, len(inliers.weighted))
 
     def _inliers(self, slots: Slots, residual: Array, noise: Array) -> gating.Inliers:
         """Innovations (n, 3) that pass their own gates, and agree with the others and in time."""

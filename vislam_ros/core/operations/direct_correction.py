@@ -6,6 +6,7 @@ The correction of eq. 69-71 of the report where H picks components of the error 
 had from ``S^-1`` without another product of its size (see :func:`correct_directly`).
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,6 +23,10 @@ from vislam_ros.core.linalg.linear_update import (
 from vislam_ros.core.operations.error_state import ErrorState, Operation
 
 Array = NDArray[np.float64]
+
+
+# Where variances fall by f at once, rounding costs what is left ``eps f^2`` of itself: so far.
+_LARGEST_FALL = math.sqrt(1e-6 / float(np.finfo(np.float64).eps))
 
 
 class DirectlyCorrected(NamedTuple):
@@ -98,6 +103,40 @@ class DirectCorrection(Operation[DirectlyCorrected]):
     def recorded(self) -> "DirectCorrection":
         """All but ``S^-1``, which is large and can be worked out again."""
         return replace(self, inliers=None)
+
+
+def correct_gradually(state: ErrorState, correction: DirectCorrection) -> Array:
+    """Apply a correction, in parts where at once it would lose what is left to rounding.
+
+    Before the twist is known an image point is known to thousands of pixels, and a frame later to
+    hundredths: ``P_xx - P_xL S^-1 P_Lx`` is then the small difference of large numbers, and its
+    variances may be negative. To observe with noise R is to observe the same n times with
+    independent noises ``R / w_i``, where the w_i have the sum 1; in a geometric series each part
+    takes an equal share of the fall.
+
+    Parameters
+    ----------
+    state : ErrorState
+    correction : DirectCorrection
+
+    Returns
+    -------
+    ndarray, (D,)
+        What the state is to be moved by.
+    """
+    seen, _ = correction.seen_and_rest(state)
+    noise, left = correction.noise, correction.residual
+    fall = float(state.covariance.diagonal()[seen].max() / noise.min())
+    if fall < _LARGEST_FALL:
+        return state.apply(correction).delta
+    n = math.ceil(math.log(fall, _LARGEST_FALL))
+    weights = fall ** (np.arange(1 - n, 1) / n)
+    delta = np.zeros(len(state.covariance))
+    for weight in weights / weights.sum():
+        part = replace(correction, residual=left, noise=noise / weight, inliers=None)
+        delta += state.apply(part).delta
+        left = correction.residual - delta[seen].reshape(noise.shape)
+    return delta
 
 
 @compiled("UniTuple(int64[::1], 2)(int64[:], int64[:], int64, int64)")
