@@ -62,6 +62,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return FAILED
 
 
+def prepare(words: Sequence[str]) -> None:
+    """Import what a command is going to need, of which the first words are known."""
+    importlib.import_module("vislam_ros.cli.parser")
+    importlib.import_module(f"vislam_ros.cli.commands.{words[0]}")
+
+
 def _answer_shell(parser: argparse.ArgumentParser) -> None:
     """Where a shell asks for tab completion, tell it what may follow, and end."""
     if "_ARGCOMPLETE" in os.environ:
