@@ -23,6 +23,7 @@ import time
 from typing import Any
 
 from vislam_ros.cli.exit_codes import INTERRUPTED
+from vislam_ros.importing import importing
 
 WHEN_TOLD = "--when-told"
 
@@ -69,10 +70,11 @@ def main() -> None:
 
 def _prepared() -> Any:
     """Import the module that the arguments name, and let it get ready for those after it."""
-    module = importlib.import_module(sys.argv[0])
-    sys.argv[0] = str(module.__file__)
-    if hasattr(module, "prepare"):
-        module.prepare(sys.argv[1:])
+    with importing():
+        module = importlib.import_module(sys.argv[0])
+        sys.argv[0] = str(module.__file__)
+        if hasattr(module, "prepare"):
+            module.prepare(sys.argv[1:])
     return module
 
 

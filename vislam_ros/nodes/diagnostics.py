@@ -66,6 +66,7 @@ class Monitor:
         self._describe = describe
         self._warn = warn
         self._callbacks: dict[str, Callable[..., None]] = {}
+        self._classes: dict[str, Any] = {}
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
         self._uncounted = {DIAGNOSTICS.name}
@@ -128,6 +129,7 @@ class Monitor:
         if not counted:
             self._uncounted.add(topic.name)
         self._received[topic.name] = 0
+        self._classes[topic.name] = message_class(topic.msgtype)
         self._callbacks[topic.name] = callback if with_data else lambda msg, _data: callback(msg)
         self._inputs[topic.name] = MatchingSubscription(
             self._node, topic, functools.partial(self.take, topic), in_step=with_data
@@ -138,7 +140,7 @@ class Monitor:
         self._received[topic.name] += 1
         message = None
         try:
-            message = _decoded(topic, data)
+            message = _decoded(self._classes[topic.name], data)
             self._callbacks[topic.name](message, data)
         except RefusedMessage as error:
             stamp = decoding.stamp_if_known(message)
@@ -284,9 +286,9 @@ class Monitor:
         self._reported_inputs = self.inputs
 
 
-def _decoded(topic: Topic, data: bytes) -> Any:
+def _decoded(message_type: Any, data: bytes) -> Any:
     try:
-        return deserialize_message(data, message_class(topic.msgtype))
+        return deserialize_message(data, message_type)
     except Exception as error:  # rclpy has a class of its own for each way to fail
         raise RefusedMessage(Refusal.UNDECODABLE) from error
 

@@ -11,6 +11,7 @@ import time
 
 from vislam_ros.cli.processes import prepared_children
 from vislam_ros.cli.running.modules import PREPARED
+from vislam_ros.importing import importing
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -18,6 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
     started = time.monotonic()
     # They import for a second, and so does this process.
     with prepared_children(PREPARED if arguments.data.exists() else {}) as prepared:
-        from vislam_ros.cli.running.session import run_session
+        with importing():
+            from vislam_ros.cli.running.session import run_session
 
         return run_session(arguments, started, prepared)
