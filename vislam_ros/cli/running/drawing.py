@@ -6,11 +6,13 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from vislam_ros.cli.exit_codes import FAILED, OK
 from vislam_ros.cli.lines import tell
 from vislam_ros.cli.processes import Child, Children
+from vislam_ros.cli.screen import waiting
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.errors import VislamError
 
@@ -27,61 +29,72 @@ class Pictures:
     ----------
     scratch : Path
         Folder for what the process says.
+    drive : str
+        Its name where the results do not know it yet.
     """
 
-    def __init__(self, scratch: Path):
+    def __init__(self, scratch: Path, drive: str):
         self._scratch = scratch
+        self._drive = drive
         self._child: Child | None = None
+        self._children: Children | None = None
 
     def prepare(self) -> None:
         """Start the process, so that it is ready to draw."""
         if self._child is None:
             self._child = Child(_NAME, _MODULE, [], os.environ)
 
-    def draw(self, directories: Sequence[Path]) -> None:
-        """Draw; say of which there is no picture, and why."""
+    def begin(self, directories: Sequence[Path]) -> None:
+        """Draw from now on, beside what this process does."""
         self.prepare()
         prepared = {} if self._child is None else {_NAME: self._child}
-        children = Children(os.environ, self._scratch, prepared)
-        child = children.start(_NAME, _MODULE, [str(directory) for directory in directories])
-        try:
+        self._children = Children(os.environ, self._scratch, prepared)
+        words = [self._drive, *map(str, directories)]
+        self._child = self._children.start(_NAME, _MODULE, words)
+
+    def finish(self) -> None:
+        """Wait until all is drawn; say of which there is no picture, and why."""
+        child = self._child
+        if child is None or not child.has_begun:
+            return
+        with waiting("drawing the pictures"):
             child.wait()
-        finally:
-            children.end()
-        errors = [
-            line.removeprefix(_ERROR)
-            for line in child.log.read_text(errors="replace").splitlines()
-            if line.startswith(_ERROR)
-        ]
+        log = child.log.read_text(errors="replace").splitlines()
+        errors = [line.removeprefix(_ERROR) for line in log if line.startswith(_ERROR)]
         if not errors and child.exit_code != OK:
             errors = [str(child.died())]
         for error in errors:
             tell(f"warning: no picture: {error}")
 
     def close(self) -> None:
-        """End a process that has nothing to draw."""
-        if self._child is not None and not self._child.has_begun:
+        """End the process, whatever it is at."""
+        if self._children is not None:
+            self._children.end()
+        elif self._child is not None:
             self._child.send(signal.SIGKILL)
             self._child.wait()
             self._child.close()
 
 
-def prepare(_directories: Sequence[str]) -> None:
+def prepare(_words: Sequence[str]) -> None:
     """Import what drawing needs."""
     import vislam_ros.data.pictures.results  # noqa: F401
 
 
 def main() -> int:
-    """Draw the result directories that the arguments name."""
-    drawn = [_drawn(Path(directory)) for directory in sys.argv[1:]]
+    """Draw a drive, the first argument, of the result directories that the others name."""
+    drive, *directories = sys.argv[1:]
+    drawn = [_drawn(Path(directory), drive) for directory in directories]
     return OK if all(drawn) else FAILED
 
 
-def _drawn(directory: Path) -> bool:
+def _drawn(directory: Path, drive: str) -> bool:
     from vislam_ros.data.pictures.results import plot_results
 
     try:
-        plot_results(read_results(directory), force=True, of_run=True)
+        results = read_results(directory)
+        named = {**results.summary, "drive": results.summary.get("drive") or drive}
+        plot_results(replace(results, summary=named), force=True, of_run=True)
     except VislamError as error:
         tell(f"{_ERROR}{error}")
         return False

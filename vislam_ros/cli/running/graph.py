@@ -74,7 +74,7 @@ def run_graph(
     prepared : mapping of str to Child
         Nodes and player that are ready to begin.
     pictures : Pictures
-        Gets ready when all is played.
+        Get ready when all is played, and are begun when all is recorded.
 
     Raises
     ------
@@ -206,6 +206,8 @@ def _watch(
             if str(newest["incomplete_reason"]).startswith(STOPPED):
                 raise VislamError("recorder_node was told to end")
             if has_ended(newest):
+                if not looks_since_the_end and all(each["complete"] for _, each in summaries):
+                    pictures.begin([directory for directory, _ in summaries])
                 looks_since_the_end += _LOOKS_A_SUMMARY
                 if (
                     player.exit_code == OK

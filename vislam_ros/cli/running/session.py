@@ -62,7 +62,7 @@ def run_session(
     error: BaseException | None = None
     with tempfile.TemporaryDirectory(prefix="vislam_run_") as folder:
         scratch = Path(folder)
-        with closing(Pictures(scratch)) as pictures:
+        with closing(Pictures(scratch, arguments.data.stem)) as pictures:
             with (
                 interruptible(),
                 opened_viewer(arguments.data.stem, wanted=arguments.view) as viewer,
@@ -82,7 +82,7 @@ def run_session(
             if error is not None:
                 raise error
             require_complete(passes)
-            pictures.draw([directory for directory, _ in passes])
+            pictures.finish()
     tell_written(passes, arguments.data)
     return OK
 
