@@ -19,6 +19,7 @@ from vislam_ros.core.geometry.left_image import MAX_RAY_SQUARED, MIN_DEPTH_RATIO
 
 Array = NDArray[np.float64]
 
+# Told where they need no compiler.
 _MIN_DEPTH_RATIO, _MAX_RAY_SQUARED = MIN_DEPTH_RATIO, MAX_RAY_SQUARED
 
 
