@@ -8,6 +8,8 @@ the recorder writes.
 
 import argparse
 import time
+from contextlib import suppress
+from pathlib import Path
 
 from vislam_ros.cli.processes import prepared_children
 from vislam_ros.cli.running.modules import PREPARED
@@ -18,8 +20,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     started = time.monotonic()
     # They import for a second, and so does this process.
-    with prepared_children(PREPARED if arguments.data.exists() else {}) as prepared:
+    with prepared_children(PREPARED if _is_there(arguments.data) else {}) as prepared:
         with importing():
             from vislam_ros.cli.running.session import run_session
 
         return run_session(arguments, started, prepared)
+
+
+def _is_there(data: Path) -> bool:
+    """Whether there may be something to run; what is wrong with it is told later."""
+    with suppress(OSError):  # a name that is too long
+        return data.exists()
+    return False
