@@ -10,7 +10,9 @@ from vislam_ros.importing import importing
 
 @pytest.mark.parametrize("fails", [False, True])
 @pytest.mark.parametrize("was_enabled", [True, False])
-def test_the_collector_rests_in_the_block_and_is_as_before_then(was_enabled, fails):
+def test_the_collector_rests_in_the_block_and_is_as_before_then(
+    was_enabled: bool, fails: bool
+) -> None:
     try:
         if not was_enabled:
             gc.disable()
