@@ -220,7 +220,8 @@ def _watch(
         looks += 1
         looks_since_the_player += player.exit_code == OK
         if looks_since_the_player == 1:
-            pictures.prepare()  # slam_node goes back over the drive, and leaves the other cores
+            # slam_node goes back over the drive, and leaves the other cores.
+            pictures.prepare([directory for directory, _ in summaries_of(results)])
         time.sleep(_POLL_SECONDS)
 
 
