@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,15 @@ import sys
 print("about to fail")
 sys.exit("error: the disk is full")
 """
+TOLD = """\
+import os, sys
+print("imported", flush=True)
+def prepare(words):
+    print("prepared for", *words, flush=True)
+def main():
+    print("told", *sys.argv[1:], os.environ["MOOD"], flush=True)
+    return 3
+"""
 PARENT = """\
 import os, sys, time
 from pathlib import Path
@@ -52,6 +62,14 @@ from vislam_ros.cli.processes import Child
 child = Child("child", sys.argv[1], [], os.environ, Path(sys.argv[2]))
 print(child.pid, flush=True)
 time.sleep(1000)
+"""
+
+PREPARING_PARENT = """\
+import time
+from vislam_ros.cli.processes import prepared_children
+with prepared_children({"ready": ("ready_module",)}) as prepared:
+    print(prepared["ready"].pid, flush=True)
+    time.sleep(1000)
 """
 
 
@@ -151,6 +169,71 @@ def test_a_child_that_stands_still_is_seen_until_it_goes_on(start):
     child.ask_to_end()
     assert child.wait(WAIT)
     assert (child.exit_code, child.is_stopped) == (0, False)
+
+
+@pytest.fixture
+def prepare(tmp_path, monkeypatch):
+    """Prepare a program as the child "ready"; it is gone after the test."""
+    monkeypatch.setenv("PYTHONPATH", f"{REPOSITORY}:{tmp_path}")
+    with ExitStack() as stack:
+
+        def prepare(program):
+            (tmp_path / "ready_module.py").write_text(program)
+            modules = {"ready": ("ready_module", "first")}
+            return stack.enter_context(processes.prepared_children(modules))
+
+        yield prepare
+
+
+def test_a_prepared_child_runs_when_it_is_told_with_what_it_is_told(prepare, tmp_path):
+    prepared = prepare(TOLD)
+    children = Children({**os.environ, "MOOD": "glad"}, tmp_path, prepared)
+    child = children.start("ready", "not_this_one", ["second", "third"])
+    assert child is prepared["ready"]
+    assert child.wait(WAIT)
+    child.close()
+    assert child.exit_code == 3
+    assert child.log.read_text().splitlines() == [
+        "imported",
+        "prepared for first",
+        "told first second third glad",
+    ]
+
+
+def test_a_prepared_child_that_is_never_told_ends_with_the_block(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", f"{REPOSITORY}:{tmp_path}")
+    (tmp_path / "ready_module.py").write_text(TOLD)
+    with processes.prepared_children({"ready": ("ready_module",)}) as prepared:
+        child = prepared["ready"]
+        assert not child.has_begun
+        assert child.exit_code is None
+    assert child.exit_code == -signal.SIGKILL
+
+
+def test_a_prepared_child_that_cannot_be_imported_is_named_with_its_error(prepare, tmp_path):
+    children = Children(os.environ, tmp_path, prepare("raise RuntimeError('no such thing')\n"))
+    child = children.start("ready", "ready_module", [])
+    assert child.wait(WAIT)
+    assert str(child.died()).startswith(
+        "ready ended early with exit code 1: RuntimeError: no such thing"
+    )
+
+
+def test_a_prepared_child_does_not_outlive_its_parent(tmp_path):
+    (tmp_path / "ready_module.py").write_text(TOLD)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PREPARING_PARENT],
+        env={**os.environ, "PYTHONPATH": f"{REPOSITORY}:{tmp_path}"},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        pid = int(parent.stdout.readline())
+        assert is_alive(pid)
+    finally:
+        parent.kill()
+        parent.wait(WAIT)
+    wait_until(lambda: not is_alive(pid), "the end of the child")
 
 
 @pytest.fixture

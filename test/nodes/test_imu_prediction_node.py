@@ -1,6 +1,7 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
 import copy
+import time
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.layout import DEFAULT_FRAMES, IMU, PREDICTION, TRANSFORMS, TWIST
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.imu_prediction_node import ImuPredictionNode
+from vislam_ros.nodes.topics import message_class
 
+WAIT = 30.0
 TOPIC = PREDICTION.recorded
 
 
@@ -147,8 +150,19 @@ def test_frames_are_parameters(make_node, capture, drive):
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("o", "b")
 
 
+def hear_transforms(node):
+    """Subscribe to what a node publishes on /tf, and wait until it knows."""
+    (publisher,) = (one for one in node.publishers if one.topic_name == TRANSFORMS.name)
+    message_type = message_class(TRANSFORMS.msgtype)
+    node.create_subscription(message_type, TRANSFORMS.name, lambda _: None, 1, raw=True)
+    deadline = time.monotonic() + WAIT
+    while not publisher.get_subscription_count():
+        assert time.monotonic() < deadline, "the subscription was not found"
+
+
 def test_tf_says_the_same_as_the_odometry(node, capture, drive):
     published = capture(node)
+    hear_transforms(node)
     for message in drive.twists[:3]:
         node.on_twist(message)
     odometry, data = published[TOPIC][-1], published[TRANSFORMS.name][-1]
@@ -159,6 +173,16 @@ def test_tf_says_the_same_as_the_odometry(node, capture, drive):
     assert transform.child_frame_id == odometry.child_frame_id == "base_link"
     assert transform.transform.translation.x == odometry.pose.pose.position.x
     assert transform.transform.rotation.z == odometry.pose.pose.orientation.z
+
+
+def test_no_transform_is_made_while_nobody_hears_it(node, capture, drive):
+    published = capture(node)
+    for message in drive.twists[:3]:
+        node.on_twist(message)
+    assert set(published) == {TOPIC}
+    hear_transforms(node)
+    node.on_twist(drive.twists[3])
+    assert len(published[TRANSFORMS.name]) == 1
 
 
 def test_the_gyroscope_alone_gives_the_core_s_poses_and_says_that_it_knows_no_velocity(

@@ -14,6 +14,7 @@ from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK, PIPE_CLOSED
 from vislam_ros.cli.interrupts import is_interrupt, take_interrupts
 from vislam_ros.cli.lines import tell
 from vislam_ros.errors import reason_of
+from vislam_ros.importing import importing
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -25,7 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         take_interrupts()
         # Imported here, so that an interrupt meanwhile ends as any other.
-        from vislam_ros.cli.parser import build_parser
+        with importing():
+            from vislam_ros.cli.parser import build_parser
 
         parser = build_parser()
         _answer_shell(parser)
@@ -39,7 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                 # They name lines of sources, and tell a user nothing that an error would not.
                 warnings.simplefilter("ignore")
             # Only the command that runs is imported: some bring ROS or matplotlib.
-            module = importlib.import_module(f"vislam_ros.cli.commands.{arguments.command}")
+            with importing():
+                module = importlib.import_module(f"vislam_ros.cli.commands.{arguments.command}")
             code = int(module.run(arguments))
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -60,6 +63,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         _leave_stdout()
         tell(f"error: {reason_of(error)}")
         return FAILED
+
+
+def prepare(words: Sequence[str]) -> None:
+    """Import what a command is going to need, of which the first words are known."""
+    importlib.import_module("vislam_ros.cli.parser")
+    importlib.import_module(f"vislam_ros.cli.commands.{words[0]}")
 
 
 def _answer_shell(parser: argparse.ArgumentParser) -> None:

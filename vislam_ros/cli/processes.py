@@ -1,15 +1,21 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Child processes: started with a log each, watched, and always ended."""
+"""Child processes: started with a log each, watched, and always ended.
 
+One that takes long to import can be prepared before it is known what it is to do.
+"""
+
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from vislam_ros.cli.child import WHEN_TOLD
 from vislam_ros.cli.child_log import ChildLog
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
 from vislam_ros.cli.interrupts import held_interrupts
@@ -34,8 +40,8 @@ class Child:
         What ``python -m`` would run.
     arguments : sequence of str
     environment : mapping
-    log_folder : Path
-        Exists.
+    log_folder : Path, optional
+        Exists. Without it the process only gets ready, until :meth:`begin`.
     """
 
     def __init__(
@@ -44,21 +50,61 @@ class Child:
         module: str,
         arguments: Sequence[str],
         environment: Mapping[str, str],
-        log_folder: Path,
+        log_folder: Path | None = None,
     ):
         self.name = name
-        self.log = log_folder / f"{name}.log"
         self._asked = False
+        self._log: ChildLog | None = None
+        waits = [] if log_folder is not None else [WHEN_TOLD]
         self._process = subprocess.Popen(
-            [sys.executable, "-u", "-m", "vislam_ros.cli.child", module, *arguments],
+            [sys.executable, "-u", "-m", "vislam_ros.cli.child", *waits, module, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             env=dict(environment),
             start_new_session=True,
+            bufsize=0,
         )
+        self._environment = environment
+        if log_folder is not None:
+            self._open_log(log_folder)
+
+    def begin(
+        self, arguments: Sequence[str], environment: Mapping[str, str], log_folder: Path
+    ) -> None:
+        """Let a prepared process run, with more arguments and in this environment.
+
+        Parameters
+        ----------
+        arguments : sequence of str
+            Come after those it was prepared with.
+        environment : mapping
+            Variables of the one it was prepared with may have other values here.
+        log_folder : Path
+            Exists.
+        """
+        self._open_log(log_folder)
+        own = self._environment
+        changed = {name: value for name, value in environment.items() if own.get(name) != value}
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):  # it is gone, as whoever watches it is going to see
+            told = json.dumps({"arguments": list(arguments), "environment": changed})
+            self._process.stdin.write(f"{told}\n".encode())
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether it runs, or did; one that is only prepared has done nothing yet."""
+        return self._log is not None
+
+    def _open_log(self, log_folder: Path) -> None:
         assert self._process.stdout is not None
-        self._log = ChildLog(self.log, self._process.stdout)
+        self._log = ChildLog(log_folder / f"{self.name}.log", self._process.stdout)
+
+    @property
+    def log(self) -> Path:
+        """Where it is kept what it says."""
+        assert self._log is not None
+        return self._log.path
 
     @property
     def pid(self) -> int:
@@ -83,7 +129,7 @@ class Child:
         code = self.exit_code
         how = f"exit code {code}"
         silent = "it was told to end" if code in (OK, INTERRUPTED) else "it named no error"
-        error = self._log.last_error() or silent
+        error = (self._log and self._log.last_error()) or silent
         if code is not None and code < 0:
             how = f"signal {-code} ({signal.Signals(-code).name})"
             if -code == signal.SIGKILL:
@@ -104,8 +150,8 @@ class Child:
         if self.exit_code is None:
             self._process.send_signal(number)
 
-    def wait(self, seconds: float) -> bool:
-        """Wait for it; whether it ended."""
+    def wait(self, seconds: float | None = None) -> bool:
+        """Wait for it, however long without a time (s); whether it ended."""
         try:
             self._process.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -116,7 +162,34 @@ class Child:
         """Keep what an ended child said last."""
         assert self._process.stdin is not None
         self._process.stdin.close()
-        self._log.close()
+        if self._log is not None:
+            self._log.close()
+        elif self._process.stdout is not None:
+            self._process.stdout.close()
+
+
+@contextmanager
+def prepared_children(modules: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Child]]:
+    """Start children by name that only get ready; those that have not begun end with the block.
+
+    Parameters
+    ----------
+    modules : mapping of str to sequence of str
+        Module and first arguments of each.
+    """
+    children: dict[str, Child] = {}
+    try:
+        for name, (module, *arguments) in modules.items():
+            with held_interrupts():
+                children[name] = Child(name, module, arguments, os.environ)
+        yield children
+    finally:
+        waiting = [child for child in children.values() if not child.has_begun]
+        for child in waiting:
+            child.send(signal.SIGKILL)  # it has nothing to lose
+        for child in waiting:
+            child.wait(_ENDING[-1][1])
+            child.close()
 
 
 class Children:
@@ -127,17 +200,29 @@ class Children:
     environment : mapping
     log_folder : Path
         Exists.
+    prepared : mapping of str to Child, optional
+        Those that are ready to begin, by name.
     """
 
-    def __init__(self, environment: Mapping[str, str], log_folder: Path):
+    def __init__(
+        self,
+        environment: Mapping[str, str],
+        log_folder: Path,
+        prepared: Mapping[str, Child] | None = None,
+    ):
         self._environment = environment
         self._log_folder = log_folder
+        self._prepared = prepared or {}
         self._children: list[Child] = []
 
     def start(self, name: str, module: str, arguments: Sequence[str]) -> Child:
-        """Start a child."""
+        """Start a child, or let the one begin that was prepared under this name."""
         with held_interrupts():  # a child that was started and is not known would never be ended
-            child = Child(name, module, arguments, self._environment, self._log_folder)
+            child = self._prepared.get(name)
+            if child is None:
+                child = Child(name, module, arguments, self._environment, self._log_folder)
+            else:
+                child.begin(arguments, self._environment, self._log_folder)
             self._children.append(child)
         return child
 

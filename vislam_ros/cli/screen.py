@@ -3,7 +3,7 @@
 """What a user sees: progress bars on a terminal, and tables."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from rich.console import Console
@@ -96,3 +96,11 @@ def print_summary(title: str, summary: Mapping[str, Any]) -> None:
             value = "yes" if value else "no"
         rows[label] = style.format(value)
     print_table(title, rows)
+
+
+@contextmanager
+def waiting(text: str) -> Iterator[None]:
+    """Say on a terminal, on standard error, what is waited for; nothing elsewhere."""
+    console = Console(stderr=True)
+    with console.status(text) if console.is_terminal else nullcontext():
+        yield

@@ -68,6 +68,7 @@ class Monitor:
         self._describe = describe
         self._warn = warn
         self._callbacks: dict[str, Callable[..., None]] = {}
+        self._classes: dict[str, Any] = {}
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
         self._uncounted = {DIAGNOSTICS.name}
@@ -130,6 +131,7 @@ class Monitor:
         if not counted:
             self._uncounted.add(topic.name)
         self._received[topic.name] = 0
+        self._classes[topic.name] = message_class(topic.msgtype)
         self._callbacks[topic.name] = callback if with_data else lambda msg, _data: callback(msg)
         self._inputs[topic.name] = MatchingSubscription(
             self._node, topic, functools.partial(self.take, topic), in_step=with_data
@@ -140,7 +142,7 @@ class Monitor:
         self._received[topic.name] += 1
         message = None
         try:
-            message = _decoded(topic, data)
+            message = _decoded(topic, self._classes[topic.name], data)
             self._callbacks[topic.name](message, data)
         except RefusedMessage as error:
             stamp = decoding.stamp_if_known(message)
@@ -286,11 +288,11 @@ class Monitor:
         self._reported_inputs = self.inputs
 
 
-def _decoded(topic: Topic, data: bytes) -> Any:
+def _decoded(topic: Topic, message_type: Any, data: bytes) -> Any:
     try:
         if topic.msgtype == TRANSFORMS.msgtype:  # a class that was made decodes nothing
             return _STORE.deserialize_cdr(data, topic.msgtype)
-        return deserialize_message(data, message_class(topic.msgtype))
+        return deserialize_message(data, message_type)
     except Exception as error:  # rclpy has a class of its own for each way to fail
         raise RefusedMessage(Refusal.UNDECODABLE) from error
 

@@ -136,7 +136,7 @@ class ImuPredictionNode(Node):
             prediction.twist_covariance,
         )
         self.monitor.publish(self._odometry, odometry)
-        if self._tf is not None:
+        if self._tf is not None and self._tf.is_heard:
             self._tf.send(conversions.transform_of_odometry(odometry))
 
     def _describe(self) -> tuple[str, dict[str, object]]:

@@ -169,7 +169,7 @@ class SlamNode(Node):
                 bias = np.asarray(estimate.values)
                 message = conversions.vector3_stamped(step.stamp, settings.base_frame, bias)
                 self.monitor.publish(self._gyro_bias, message)
-        if output.publish_tf and self._tf.works:
+        if output.publish_tf and self._tf.is_heard:
             self._tf.send(
                 conversions.transform(
                     step.stamp,

@@ -85,7 +85,10 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         signal.signal(number, on_signal)
     try:
         init_ros(args)
-        _spin(make_node(), told_at)
+        node = make_node()
+        # What is there by now stays. A collection that looked at it would take longer than steps.
+        gc.freeze()
+        _spin(node, told_at)
     except (VislamError, RuntimeError, ParameterException) as error:
         with suppress(OSError):  # nobody may be left to hear it
             print(f"error: {one_line(_reason(error))}", file=sys.stderr)

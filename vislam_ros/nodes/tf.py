@@ -25,11 +25,13 @@ class TransformSender:
             )
         else:
             self._publisher = monitor.advertise(TRANSFORMS)
+            # The first message takes as long as a hundred others: its encoding is made with it.
+            transform_message(TRANSFORMS, *decoding.transform(TransformStamped()))
 
     @property
-    def works(self) -> bool:
-        """Whether a transform that is sent goes anywhere."""
-        return self._publisher is not None
+    def is_heard(self) -> bool:
+        """Whether a transform that is sent goes anywhere; who comes later gets later ones."""
+        return self._publisher is not None and self._publisher.get_subscription_count() > 0
 
     def send(self, transform: TransformStamped) -> None:
         """Publish a transform."""

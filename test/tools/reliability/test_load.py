@@ -17,7 +17,7 @@ from reliability.load.play import play_heard
 from reliability.load.processes import cpu_seconds, growth, resident_mb
 from reliability.load.soak import Soak, soak
 
-from vislam_ros.cli.commands.run import NODES
+from vislam_ros.cli.running.modules import NODES
 from vislam_ros.data.bags.layout import FEATURES, ODOMETRY, PREDICTION, STEPS, TWIST
 from vislam_ros.data.bags.writer import write_bag
 

@@ -9,11 +9,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from vislam_ros.cli.commands.run import NODES
 from vislam_ros.cli.domain import local_graph, own_domain
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.parameters import shared_file
 from vislam_ros.cli.processes import Child, Children
+from vislam_ros.cli.running.modules import NODES
 from vislam_ros.data.results.summary import has_ended, read_summary
 from vislam_ros.errors import VislamError
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from reliability.load.graph import START_SECONDS, running_graph
 from reliability.load.network import Network
-from vislam_ros.cli.commands.run import NODES
+from vislam_ros.cli.running.modules import NODES
 
 MEMBERS = (*NODES, "player")
 

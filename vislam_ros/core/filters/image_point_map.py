@@ -95,6 +95,19 @@ def has_position(y: Array, own: Array) -> NDArray[np.bool_]:
 
 def world_positions(camera: StereoCamera, points: ImagePoints) -> Positions:
     """Positions of landmarks that have one."""
+    means, J_s, J_y = _placed(camera, points)
+    mixed = J_y @ points.cross @ np.swapaxes(J_s, -1, -2)
+    covariances = (
+        J_s @ points.pose_and_lens @ np.swapaxes(J_s, -1, -2)
+        + mixed
+        + np.swapaxes(mixed, -1, -2)
+        + J_y @ points.own @ np.swapaxes(J_y, -1, -2)
+    )
+    return Positions(means, symmetrized(covariances), J_s, J_y)
+
+
+def _placed(camera: StereoCamera, points: ImagePoints) -> tuple[Array, Array, Array]:
+    """Means and derivatives of :class:`Positions`, without the covariances."""
     y = points.y
     T_body_camera, T = camera.T_body_camera, points.T_world_body
     points_body = camera.triangulate(y) @ T_body_camera[:3, :3].T + T_body_camera[:3, 3]
@@ -105,14 +118,7 @@ def world_positions(camera: StereoCamera, points: ImagePoints) -> Positions:
     J_s[:, :, :3] = R
     J_s[:, :, 3:6] = -R @ se3.hat(points_body)
     J_s[:, :, -1] = (J_y @ radial_shift(camera, y)[..., None])[..., 0]
-    mixed = J_y @ points.cross @ np.swapaxes(J_s, -1, -2)
-    covariances = (
-        J_s @ points.pose_and_lens @ np.swapaxes(J_s, -1, -2)
-        + mixed
-        + np.swapaxes(mixed, -1, -2)
-        + J_y @ points.own @ np.swapaxes(J_y, -1, -2)
-    )
-    return Positions(means, symmetrized(covariances), J_s, J_y)
+    return means, J_s, J_y
 
 
 def points_of_both(
@@ -137,11 +143,11 @@ def positions_of_all(
     camera: StereoCamera, points: ImagePoints, mapped: NDArray[np.bool_]
 ) -> WorldPositions:
     """Positions of landmarks (m,), and zeros for those that have none, by the whole state."""
-    known = world_positions(camera, points.of(mapped))
+    known_means, by_vehicle, by_landmark = _placed(camera, points.of(mapped))
     means, J_landmark = np.zeros((len(mapped), 3)), np.zeros((len(mapped), 3, 3))
     J_vehicle = np.zeros((len(mapped), 3, SIZE))
-    means[mapped], J_landmark[mapped] = known.means, known.J_landmark
-    J_vehicle[np.ix_(mapped, np.arange(3), POSE_AND_LENS)] = known.J_vehicle
+    means[mapped], J_landmark[mapped] = known_means, by_landmark
+    J_vehicle[np.ix_(mapped, np.arange(3), POSE_AND_LENS)] = by_vehicle
     return WorldPositions(means, J_vehicle, J_landmark)
 
 

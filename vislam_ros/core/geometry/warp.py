@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from vislam_ros.core.compiled import compiled
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.left_image import MAX_RAY_SQUARED, MIN_DEPTH_RATIO
 
 Array = NDArray[np.float64]
 
-# A point whose depth shrinks to less than this share of its old one has passed the camera.
-_MIN_DEPTH_RATIO = 0.05
-# Square of the tangent of the widest angle at which a landmark is still followed, 63 degrees.
-_MAX_RAY_SQUARED = 4.0
+# Told where they need no compiler.
+_MIN_DEPTH_RATIO, _MAX_RAY_SQUARED = MIN_DEPTH_RATIO, MAX_RAY_SQUARED
 
 
 @dataclass(frozen=True)

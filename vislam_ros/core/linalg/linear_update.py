@@ -10,7 +10,7 @@ state are themselves observed. Covariances are C-ordered and symmetric, so the t
 one is itself in the Fortran order that LAPACK works on without a copy.
 """
 
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 import scipy.linalg
@@ -20,8 +20,6 @@ from scipy.linalg import blas, lapack
 from vislam_ros.core.compiled import compiled
 
 Array = NDArray[np.float64]
-Rows = slice | NDArray[np.int64]
-"""Components of the error state; those of a block are both slices or both arrays."""
 
 # Rows of L that are solved for at once. OpenBLAS solves small triangles well and multiplies large
 # matrices well; a whole triangle of some hundred rows takes it half as long again.
@@ -357,13 +355,6 @@ def mirror_lower(P: Array) -> None:
 def mirror_upper(P: Array) -> None:
     """Make a matrix (D, D) symmetric in place by its upper triangle."""
     mirror_lower(P.T)
-
-
-def block(rows: Rows, columns: Rows) -> Any:
-    """Index of a block of a matrix: a view of it where rows and columns are slices."""
-    if isinstance(rows, slice) or isinstance(columns, slice):
-        return rows, columns
-    return np.ix_(rows, columns)
 
 
 @compiled("float64[:, :, ::1](float64[:, :], int64)")

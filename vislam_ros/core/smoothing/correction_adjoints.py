@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
-from vislam_ros.core.linalg.linear_update import Corrected, Rows, block, mirror_upper
+from vislam_ros.core.linalg.linear_update import Corrected, mirror_upper, take
+from vislam_ros.core.linalg.scatter import put, put_both
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.operations.correction import Correction, VehicleCorrection
 from vislam_ros.core.operations.direct_correction import DirectCorrection
@@ -107,29 +108,26 @@ class DirectCorrectionAdjoint:
 
     def backward(self, later: Adjoint) -> Adjoint:
         """Take what is said after the correction to before it."""
-        seen, rest = map(_sliced, self._seen_and_rest)
+        seen, rest = self._seen_and_rest
         S_inverse, cross = self._S_inverse, self._cross
         residual, variances = self._operation.residual.ravel(), self._operation.noise.ravel()
         vector, Lambda = later.vector, later.matrix
         vector[seen] = S_inverse @ (residual + variances * vector[seen] - cross.T @ vector[rest])
-        of_rest = Lambda[block(rest, seen)] * variances - Lambda[block(rest, rest)] @ cross
+        of_rest = _block(Lambda, rest, seen) * variances - _block(Lambda, rest, rest) @ cross
         square = -cross.T @ of_rest
-        own = Lambda[block(seen, seen)] * variances
-        own -= Lambda[block(seen, rest)] @ cross
+        own = _block(Lambda, seen, seen) * variances
+        own -= _block(Lambda, seen, rest) @ cross
         own *= variances[:, None]
         square += own
-        mixed = of_rest @ S_inverse
-        Lambda[block(rest, seen)] = mixed
-        Lambda[block(seen, rest)] = mixed.T
+        put_both(of_rest @ S_inverse, rest, seen, Lambda)
         square = S_inverse @ square @ S_inverse
         mirror_upper(square)
         square += S_inverse
-        Lambda[block(seen, seen)] = square
+        put(square, seen, seen, Lambda)
         return later
 
 
-def _sliced(places: NDArray[np.int64]) -> Rows:
-    """Make places a slice where they follow each other, so that a block of them is a view."""
-    if len(places) and np.all(places[1:] == places[:-1] + 1):
-        return slice(int(places[0]), int(places[-1]) + 1)
-    return places
+def _block(matrix: Array, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
+    block = np.empty((len(rows), len(columns)))
+    take(matrix, rows, columns, block)
+    return block

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.linalg.linear_update import diagonal_blocks, mirror_upper
+from vislam_ros.core.linalg.scatter import put
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.operations.error_state import ErrorState, PoseMark
 from vislam_ros.core.operations.initialization import Initialization
@@ -117,16 +118,15 @@ class MarginalizationAdjoint:
         if J_vehicle is not None:
             own = own + C[:, :s].reshape(m, 3, s) @ np.swapaxes(J_vehicle, -1, -2)
         self.keys = operation.keys
-        self._stays = ~leaving
-        self._C, self._own = C[:, ~leaving], symmetrized(own)
+        self._size, self._stays = len(P), np.flatnonzero(~leaving)
+        self._C, self._own = C[:, self._stays], symmetrized(own)
         state.apply(operation)
 
     def backward(self, later: Adjoint) -> Adjoint:
         """Take what is said of the error state to that before the landmarks had left."""
-        size = len(self._stays)
-        vector, matrix = np.zeros(size), np.zeros((size, size))
+        vector, matrix = np.zeros(self._size), np.zeros((self._size, self._size))
         vector[self._stays] = later.vector
-        matrix[np.ix_(self._stays, self._stays)] = later.matrix
+        put(later.matrix, self._stays, self._stays, matrix)
         return Adjoint(vector, matrix)
 
     def final(self, later: Adjoint) -> tuple[Array, Array]:

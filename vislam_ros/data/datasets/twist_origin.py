@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
-from vislam_ros.core.geometry.warp import warp
+from vislam_ros.core.geometry.left_image import left_warp
 from vislam_ros.core.noise.twist_noise import white_noise_levels
 from vislam_ros.data.datasets.step_pairs import step_pairs
 from vislam_ros.data.drive import Drive
@@ -46,7 +46,6 @@ _LEAST_NOISE = (1e-3, 1e-4)
 _ROUNDS, _ITERATIONS = 2, 3
 # What may be off by how much: place [m], velocity [m/s], angular velocity [rad/s].
 _PRIOR_STD = np.repeat([10.0, 1.0, 0.05], 3)
-_LEFT = np.array([0, 2])
 
 
 class TwistOrigin(NamedTuple):
@@ -61,14 +60,19 @@ class TwistOrigin(NamedTuple):
         return float(error @ np.linalg.solve(self.covariance, error))
 
 
-class _Step(NamedTuple):
-    """What the images of a step say of its motion, ``e = G xi`` with noise C."""
+class _Steps(NamedTuple):
+    """What the images of K steps say of their motions, ``e = G xi`` with noise C, by n points."""
 
     e: Array  # (n, 2)
     G: Array  # (n, 2, 6)
     information: Array  # (n, 2, 2)
-    tau: float
-    angular_velocity: Array  # (3,)
+    first: NDArray[np.int64]  # (K,), of the points of each step
+    tau: Array  # (K,)
+    angular_velocity: Array  # (K, 3)
+
+    def of_points(self, values: Array) -> Array:
+        """Values (K, ...) of steps as those of their points (n, ...)."""
+        return np.repeat(values, np.diff(self.first, append=len(self.e)), axis=0)
 
 
 def misplaced_imu(camera: StereoCamera) -> Array:
@@ -102,68 +106,74 @@ def measure_twist_origin(drive: Drive) -> TwistOrigin | None:
     covariance is up to three times too small.
     """
     steps, prior = _steps(drive), np.diag(_PRIOR_STD**-2.0)
-    if len(steps) < _FEWEST_STEPS:
+    if steps is None:
         return None
     levels = np.maximum(white_noise_levels(drive.twists), _LEAST_NOISE)
     precision = np.repeat(levels, 3) ** -2.0
+    tau = steps.tau[:, None]
+    of_twist = np.eye(6) * (precision / tau**2)[:, None]
     x = np.zeros(9)
     for _ in range(_ROUNDS):
-        normal, right = prior.copy(), np.zeros(9)
-        for step in steps:
-            expected = -step.tau * (_by_unknowns(step.angular_velocity - x[6:]) @ x)
-            xi = expected
-            of_twist = np.diag(precision / step.tau**2)
-            for _ in range(_ITERATIONS):
-                A, b = _information(step, xi)
-                M = np.linalg.inv(A + of_twist)
-                xi = M @ (b + of_twist @ expected)
-            H = step.tau * _by_unknowns(step.angular_velocity + xi[3:] / step.tau)
-            normal += H.T @ (A - A @ M @ A) @ H
-            right -= H.T @ (b - A @ M @ b)
+        expected = -tau * (_by_unknowns(steps.angular_velocity - x[6:]) @ x)
+        xi = expected
+        for _ in range(_ITERATIONS):
+            A, b = _information(steps, xi)
+            M = np.asarray(np.linalg.inv(A + of_twist), dtype=np.float64)
+            xi = _times(M, b + _times(of_twist, expected))
+        H = tau[..., None] * _by_unknowns(steps.angular_velocity + xi[:, 3:] / tau)
+        H_T = np.swapaxes(H, 1, 2)
+        normal = prior + np.sum(H_T @ (A - A @ M @ A) @ H, axis=0)
+        right = -np.sum(_times(H_T, b - _times(A @ M, b)), axis=0)
         x = np.asarray(np.linalg.solve(normal, right), dtype=float)
     return TwistOrigin(x[:3], np.asarray(np.linalg.inv(normal)[:3, :3], dtype=float))
 
 
-def _steps(drive: Drive) -> list[_Step]:
-    camera = drive.camera
+def _steps(drive: Drive) -> _Steps | None:
+    """What the images say of those steps that turn the most; None of too few."""
     turning = np.linalg.norm(drive.twists[1:, 3:], axis=1)
     most = np.argsort(-turning, kind="stable")[:_STEPS_LOOKED_AT]
     pairs = step_pairs(drive, np.sort(most))
-    tau = np.diff(drive.twist_stamps) / NANOSECONDS
-    steps = []
-    for k in np.unique(pairs.steps).tolist():
-        rows = pairs.steps == k
-        warped = warp(camera, pairs.y[rows], se3.exp(tau[k] * drive.twists[k + 1]))
-        ahead = warped.ahead
-        F = warped.F_y[ahead][:, _LEFT]
-        # v is the mean of two pixels.
-        first = F * (_PIXEL_VARIANCE * np.array([1.0, 1.0, 0.5]))
-        noise = first @ np.swapaxes(F, 1, 2) + _PIXEL_VARIANCE * np.eye(2)
-        steps.append(
-            _Step(
-                e=pairs.left[rows][ahead] - warped.y[ahead][:, _LEFT],
-                G=warped.G[ahead][:, _LEFT],
-                information=np.asarray(np.linalg.inv(noise), dtype=np.float64),
-                tau=float(tau[k]),
-                angular_velocity=drive.twists[k + 1, 3:],
-            )
-        )
-    return steps
+    taken = np.unique(pairs.steps)
+    if len(taken) < _FEWEST_STEPS:
+        return None
+    tau = np.diff(drive.twist_stamps)[taken] / NANOSECONDS
+    twists = drive.twists[taken + 1]
+    step_of = np.searchsorted(taken, pairs.steps)
+    warped = left_warp(drive.camera, pairs.y, se3.exp(tau[:, None] * twists)[step_of])
+    # v is the mean of two pixels.
+    first = warped.F_y * (_PIXEL_VARIANCE * np.array([1.0, 1.0, 0.5]))
+    noise = first @ np.swapaxes(warped.F_y, 1, 2) + _PIXEL_VARIANCE * np.eye(2)
+    return _Steps(
+        # What has passed the cameras says nothing.
+        e=np.where(warped.ahead[:, None], pairs.left - warped.y, 0.0),
+        G=np.where(warped.ahead[:, None, None], warped.G, 0.0),
+        information=np.asarray(np.linalg.inv(noise), dtype=np.float64),
+        first=np.searchsorted(step_of, np.arange(len(taken))),
+        tau=tau,
+        angular_velocity=twists[:, 3:],
+    )
 
 
-def _information(step: _Step, xi: Array) -> tuple[Array, Array]:
-    """Information ``A`` (6, 6) and ``b`` (6,) of a step's images on its motion, near ``xi``."""
-    residual = step.e - step.G @ xi
-    distance = np.sqrt(np.einsum("ni,nij,nj->n", residual, step.information, residual))
+def _information(steps: _Steps, xi: Array) -> tuple[Array, Array]:
+    """Information ``A`` (K, 6, 6) and ``b`` (K, 6) of images on motions, near ``xi`` (K, 6)."""
+    residual = steps.e - _times(steps.G, steps.of_points(xi))
+    squared = np.sum(residual * _times(steps.information, residual), axis=1)
+    distance = np.sqrt(squared)
     weight = np.minimum(1.0, _HUBER / np.maximum(distance, _HUBER)) * (distance < _OUTLIER)
-    weighted = weight[:, None, None] * step.information @ step.G
-    A = np.einsum("nia,nib->ab", step.G, weighted)
-    return A, np.einsum("nia,ni->a", weighted, step.e)
+    weighted = weight[:, None, None] * steps.information @ steps.G
+    weighted_T = np.swapaxes(weighted, 1, 2)
+    A = np.add.reduceat(weighted_T @ steps.G, steps.first)
+    return A, np.add.reduceat(_times(weighted_T, steps.e), steps.first)
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Product (n, r) of matrices (n, r, c) with a vector each, (n, c)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def _by_unknowns(omega: Array) -> Array:
-    """H (6, 9): the error of a twist by place, velocity's error and angular velocity's error."""
-    H = np.zeros((6, 9))
-    H[:3, :3] = se3.hat(omega)
-    H[:3, 3:6] = H[3:, 6:] = np.eye(3)
+    """H (K, 6, 9): the error of a twist by place, velocity's and angular velocity's error."""
+    H = np.zeros((len(omega), 6, 9))
+    H[:, :3, :3] = se3.hat(omega)
+    H[:, :3, 3:6] = H[:, 3:, 6:] = np.eye(3)
     return H

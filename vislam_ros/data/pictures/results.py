@@ -3,7 +3,7 @@
 """Pictures of a result directory as files."""
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -39,6 +39,7 @@ def plot_results(
     laying: Laying = "se3",
     picture_format: PictureFormat = "png",
     of_run: bool = False,
+    drawn: Mapping[str, bytes] | None = None,
 ) -> list[Path]:
     """Write the pictures ``trajectory``, ``steps``, ``estimates`` and ``errors``.
 
@@ -60,6 +61,8 @@ def plot_results(
         ``png`` or ``svg``.
     of_run : bool
         Whether a run draws them at its end.
+    drawn : mapping of str to bytes, optional
+        Pictures by name that need not be drawn again, see :func:`series_files`.
 
     Returns
     -------
@@ -75,25 +78,50 @@ def plot_results(
     draws: dict[str, Callable[[], Figure | None]] = {
         "trajectory": partial(draw_trajectory, results, reference, laying)
     }
-    if len(results.steps["stamp"]):
-        draws["steps"] = partial(draw_steps, results)
-        draws["estimates"] = partial(draw_estimates, results)
+    draws |= _series(results)
     if reference is not None:
         draws["errors"] = partial(draw_errors, results, reference)
     paths = {name: folder / f"{name}.{picture_format}" for name in draws}
     for path in paths.values():
         refuse_existing(path, force=force or _is_of_run(path))
-    contents = {}
-    for name, draw in draws.items():
-        figure = draw()
-        if figure is not None:
-            contents[paths[name]] = _file_of(figure, picture_format, of_run=of_run)
+    done = drawn or {}
+    missing = {name: draw for name, draw in draws.items() if name not in done}
+    files = {**done, **_files_of(missing, picture_format, of_run=of_run)}
+    contents = {paths[name]: files[name] for name in draws if name in files}
     try:
         with made_directory(folder):
             replace_files(contents)
     except OSError as error:
         raise VislamError(f"{folder}: cannot hold pictures: {error.strerror}") from error
     return list(contents)
+
+
+def series_files(results: Results, *, of_run: bool = False) -> dict[str, bytes]:
+    """Draw ``steps`` and ``estimates``, which need no map, as PNG files by name."""
+    return _files_of(_series(results), "png", of_run=of_run)
+
+
+def _series(results: Results) -> dict[str, Callable[[], Figure | None]]:
+    if not len(results.steps["stamp"]):
+        return {}
+    return {
+        "steps": partial(draw_steps, results),
+        "estimates": partial(draw_estimates, results),
+    }
+
+
+def _files_of(
+    draws: Mapping[str, Callable[[], Figure | None]],
+    picture_format: PictureFormat,
+    *,
+    of_run: bool,
+) -> dict[str, bytes]:
+    figures = ((name, draw()) for name, draw in draws.items())
+    return {
+        name: _file_of(figure, picture_format, of_run=of_run)
+        for name, figure in figures
+        if figure is not None
+    }
 
 
 def _is_of_run(picture: Path) -> bool:

@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from vislam_ros.core.ranges import POSITION, TURN_RATE, VELOCITY
 from vislam_ros.data.files.inputs import read_lines, read_text
@@ -107,6 +106,8 @@ def _sample(path: Path) -> list[float]:
 
 
 def _twists(samples: Array, folder: Path) -> Array:
+    from scipy.spatial.transform import Rotation  # slow to import, and for such recordings alone
+
     R_level_imu = Rotation.from_euler("YX", samples[:, [_PITCH, _ROLL]])
     velocities = R_level_imu.inv().apply(samples[:, _LEVEL_VELOCITY])
     VELOCITY.require(velocities, str(folder))
@@ -115,6 +116,8 @@ def _twists(samples: Array, folder: Path) -> Array:
 
 
 def _poses(samples: Array, folder: Path) -> Array:
+    from scipy.spatial.transform import Rotation
+
     latitude, longitude = np.radians(samples[:, [_LATITUDE, _LONGITUDE]].T)
     if np.abs(latitude).max() >= np.pi / 2:
         raise VislamError(f"{folder}: has a latitude of 90 degrees or more")

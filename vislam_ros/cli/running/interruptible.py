@@ -1,0 +1,33 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+"""SIGTERM and Ctrl-C as one interrupt, and an ending that nothing interrupts."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import NoReturn
+
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let SIGTERM interrupt as Ctrl-C does; the ending itself is not to be interrupted."""
+
+    def interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
+        ignore_interrupts()
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in _INTERRUPTS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def ignore_interrupts() -> None:
+    """Let no signal of these disturb what follows."""
+    for number in _INTERRUPTS:
+        signal.signal(number, signal.SIG_IGN)
