@@ -8,6 +8,7 @@ tools/faults.py topics
 tools/faults.py signals
 tools/faults.py files
 tools/faults.py load drive.npz
+tools/faults.py images folder
 tools/faults.py soak drive.npz
 tools/faults.py partition
 """
@@ -15,7 +16,16 @@ tools/faults.py partition
 import argparse
 import sys
 
-from reliability.commands import files, load, outages, partition, signals, soak, topics
+from reliability.commands import (
+    files,
+    images,
+    load,
+    outages,
+    partition,
+    signals,
+    soak,
+    topics,
+)
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED
 from vislam_ros.errors import VislamError
@@ -26,6 +36,7 @@ COMMANDS = {
     "signals": signals,
     "files": files,
     "load": load,
+    "images": images,
     "soak": soak,
     "partition": partition,
 }

@@ -7,6 +7,7 @@ come to something: see :mod:`vislam_ros.data.results.completeness`.
 """
 
 import functools
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -77,6 +78,7 @@ QUERIED = ("imu_prediction_node", "slam_node")
 
 _TICK_SECONDS = 0.1
 _Step = tuple[Pose, Any, Row, Raw, float, int, Changes]
+_NICENESS = 10
 
 
 class RecorderNode(Node):
@@ -387,6 +389,8 @@ def _pose(message: Odometry, raw: Raw) -> Pose:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal."""
+    # What it hears is kept until it comes to it; an estimate that waits for it is late.
+    os.nice(_NICENESS)
     return run(RecorderNode, args)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from reliability.load.curve import CurvePoint, drive_with, largest_rates
+from reliability.load.images import measure_images
 from reliability.load.latency import Heard, Percentiles, hops, whole_latency
 from reliability.load.offline import offline_trajectory
 from reliability.load.pictures import draw_curve, draw_soak
@@ -20,6 +21,8 @@ from reliability.load.soak import Soak, soak
 from vislam_ros.cli.running.modules import NODES
 from vislam_ros.data.bags.layout import FEATURES, ODOMETRY, PREDICTION, STEPS, TWIST
 from vislam_ros.data.bags.writer import write_bag
+from vislam_ros.data.simulation.images.folder import write_image_folder
+from vislam_ros.data.simulation.images.simulated import simulate_images
 
 FRAMES = 100
 POINT = CurvePoint(
@@ -132,3 +135,16 @@ def test_passes_of_a_soak_are_held_against_the_offline_estimate(bag: Path, tmp_p
     assert (seen.passes, seen.broken) == (seen.same, [])
     assert set(seen.megabytes) == {*NODES, "player"}
     assert min(map(min, seen.megabytes.values())) > 10.0
+
+
+def test_every_image_that_was_heard_is_answered_and_its_latency_told(tmp_path: Path) -> None:
+    images = tmp_path / "street"
+    write_image_folder(
+        images, simulate_images(scene="street", seconds=2.0, rate=10.0, scale=0.5, seed=3)
+    )
+    latency = measure_images(images, tmp_path / "run")
+    assert latency.complete
+    assert latency.steps == 21
+    assert 0 < latency.whole.count <= latency.heard <= latency.steps
+    assert 0 < latency.settled.count < latency.whole.count
+    assert 0 < latency.whole.p50 <= latency.whole.largest

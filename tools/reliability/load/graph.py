@@ -20,7 +20,7 @@ from vislam_ros.errors import VislamError
 START_SECONDS = 60.0
 """How long the nodes may take to start and to find each other."""
 
-_TOOLS = Path(__file__).resolve().parents[2]
+TOOLS = Path(__file__).resolve().parents[2]
 _IN_NAMESPACE = "reliability.load.in_namespace"
 _POLL_SECONDS = 0.02
 
@@ -48,7 +48,7 @@ class Graph:
         self._namespaces = namespaces or {}
         log = results / "log"
         log.mkdir(parents=True)
-        logs = {"ROS_LOG_DIR": str(log / "ros"), "PYTHONPATH": str(_TOOLS)}
+        logs = {"ROS_LOG_DIR": str(log / "ros"), "PYTHONPATH": str(TOOLS)}
         self._children = Children({**environment, **logs}, log)
         self.processes: dict[str, Child] = {}
         parameters = shared_file("ekf.yaml")

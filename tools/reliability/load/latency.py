@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.data.bags.layout import FEATURES, ODOMETRY, PREDICTION, STEPS, TWIST
+from vislam_ros.data.bags.layout import (
+    FEATURES,
+    LEFT_IMAGE,
+    ODOMETRY,
+    PREDICTION,
+    STEPS,
+    TWIST,
+    Topic,
+)
 
 _NS_A_MS = 1e6
 
@@ -39,7 +47,7 @@ Messages = Mapping[str, Mapping[int, Heard]]
 
 def parse(lines: Iterable[str]) -> dict[str, dict[int, Heard]]:
     """Messages of a listener's lines."""
-    topics = (TWIST, PREDICTION, FEATURES, ODOMETRY, STEPS)
+    topics = (TWIST, PREDICTION, FEATURES, ODOMETRY, STEPS, LEFT_IMAGE)
     messages: dict[str, dict[int, Heard]] = {topic.name: {} for topic in topics}
     for line in lines:
         topic, stamp, published, came, size, latency_ms = line.split()
@@ -67,9 +75,9 @@ class Percentiles:
         return cls(float(p50), float(p99), float(milliseconds.max()), len(milliseconds))
 
 
-def whole_latency(messages: Messages) -> NDArray[np.float64]:
-    """Milliseconds from publishing the features to hearing the odometry, frame by frame."""
-    features, odometry = messages[FEATURES.name], messages[ODOMETRY.name]
+def whole_latency(messages: Messages, frames: Topic = FEATURES) -> NDArray[np.float64]:
+    """Milliseconds from publishing each frame, features or an image, to hearing its odometry."""
+    features, odometry = messages[frames.name], messages[ODOMETRY.name]
     return np.array(
         [
             (odometry[stamp].came - features[stamp].published) / _NS_A_MS

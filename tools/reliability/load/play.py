@@ -9,13 +9,12 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from reliability.load.graph import START_SECONDS, Graph, local_environment, running_graph
+from reliability.load.graph import START_SECONDS, TOOLS, Graph, local_environment, running_graph
 from reliability.load.latency import Messages, parse
 from reliability.load.listener import READY
 from reliability.load.processes import cpu_seconds, cpu_shares
 from vislam_ros.errors import VislamError
 
-_TOOLS = Path(__file__).resolve().parents[2]
 _WAIT = 60.0
 # Of the first frames the nodes have work to do that they never have again.
 _SETTLED_POSES = 5
@@ -41,7 +40,7 @@ def play_heard(bag: Path, out: Path, rate: float, duration: float = math.inf) ->
     with local_environment() as environment, running_graph(out, environment) as graph:
         listener = subprocess.Popen(
             [sys.executable, "-u", "-m", "reliability.load.listener"],
-            env={**environment, "PYTHONPATH": str(_TOOLS)},
+            env={**environment, "PYTHONPATH": str(TOOLS)},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
