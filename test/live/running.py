@@ -26,6 +26,8 @@ class Run:
         )
         environment = {k: v for k, v in os.environ.items() if not k.startswith(unwanted)}
         environment.update(options.pop("environment", {}))
+        if not options.pop("pictures", False):  # they are two seconds of work
+            flags = (*flags, "--no-pictures")
         self.out = out
         self.process = subprocess.Popen(
             [sys.executable, "-m", "vislam_ros.cli.main", "run", data, "--out", out, *flags],

@@ -53,7 +53,7 @@ def test_an_estimator_runs_live_as_it_does_offline(folder: Path, dataset: Path) 
         f"slam_node: {{ros__parameters: {{estimator: '{MINE}', pixel_std: 2, planar: true}}}}"
     )
     note = "planar: set, but not used by estimator my_estimator"
-    for command in (("solve",), ("run", "--rate", "0")):
+    for command in (("solve",), ("run", "--rate", "0", "--no-pictures")):
         done = vislam(folder, *command, dataset, "--params", "params.yaml", "--out", command[0])
         assert done.returncode == 0, done.stderr
         assert f"warning: slam_node: {note}" in done.stderr.splitlines()

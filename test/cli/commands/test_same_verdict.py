@@ -34,7 +34,7 @@ def both(tmp_path):
 
 
 def end_of(command, data, out, *flags):
-    rate = ["--rate", "0"] if command == "run" else []
+    rate = ["--rate", "0", "--no-pictures"] if command == "run" else []
     process = subprocess.run(
         [sys.executable, "-m", "vislam_ros.cli.main", command, data, "--out", out, *rate, *flags],
         cwd=REPOSITORY,

@@ -85,7 +85,8 @@ def measure_images(images: Path, out: Path) -> ImageLatency:
 
 
 def _run(images: Path, out: Path, environment: Mapping[str, str]) -> None:
-    command = [sys.executable, "-m", "vislam_ros.cli.main", "run", str(images), "--out", str(out)]
+    words = ["run", str(images), "--out", str(out), "--no-pictures"]
+    command = [sys.executable, "-m", "vislam_ros.cli.main", *words]
     ended = subprocess.run(
         command, env=dict(environment), capture_output=True, text=True, timeout=_LONGEST
     )

@@ -56,6 +56,11 @@ for a second ends it.
         action="store_true",
         help="show it in the Rerun viewer meanwhile (pip install 'vislam_ros[view]')",
     )
+    parser.add_argument(
+        "--no-pictures",
+        action="store_true",
+        help="draw none, which ends two seconds sooner; `vislam plot` draws them later",
+    )
 
 
 def add_solve(commands: Commands) -> None:

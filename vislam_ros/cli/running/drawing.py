@@ -39,9 +39,12 @@ class Pictures:
         Folder for what the process says.
     drive : str
         Its name where the results do not know it yet.
+    wanted : bool
+        Whether there are to be any.
     """
 
-    def __init__(self, scratch: Path, drive: str):
+    def __init__(self, scratch: Path, drive: str, *, wanted: bool = True):
+        self._wanted = wanted
         self._scratch = scratch
         self._drive = drive
         self._child: Child | None = None
@@ -49,15 +52,16 @@ class Pictures:
 
     def prepare(self, directories: Sequence[Path]) -> None:
         """Start the process, which draws what needs no map of results that are all but whole."""
-        if self._child is None:
+        if self._wanted and self._child is None:
             words = [self._drive, *map(str, directories)]
             self._child = Child(_NAME, _MODULE, words, os.environ)
 
     def begin(self, directories: Sequence[Path]) -> None:
         """Draw from now on, beside what this process does."""
         self.prepare([])
-        prepared = {} if self._child is None else {_NAME: self._child}
-        self._children = Children(os.environ, self._scratch, prepared)
+        if self._child is None:
+            return
+        self._children = Children(os.environ, self._scratch, {_NAME: self._child})
         words = [_ALL, *map(str, directories)]
         self._child = self._children.start(_NAME, _MODULE, words)
 

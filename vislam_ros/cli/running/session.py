@@ -62,7 +62,8 @@ def run_session(
     error: BaseException | None = None
     with tempfile.TemporaryDirectory(prefix="vislam_run_") as folder:
         scratch = Path(folder)
-        with closing(Pictures(scratch, arguments.data.stem)) as pictures:
+        wanted = not arguments.no_pictures
+        with closing(Pictures(scratch, arguments.data.stem, wanted=wanted)) as pictures:
             with (
                 interruptible(),
                 opened_viewer(arguments.data.stem, wanted=arguments.view) as viewer,
