@@ -8,16 +8,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from reliability.load.graph import TOOLS, local_environment
-from reliability.load.latency import Percentiles, parse, whole_latency
-from reliability.load.listener import READY
+from reliability.load.graph import local_environment
+from reliability.load.latency import Percentiles, whole_latency
+from reliability.load.listener import IMAGES
+from reliability.load.listening import listening
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.data.bags.layout import LEFT_IMAGE, ODOMETRY
 from vislam_ros.data.results.summary import read_summary
 from vislam_ros.errors import VislamError
 
 _LONGEST = 600.0
-_WAIT = 30.0
 
 
 @dataclass(frozen=True)
@@ -52,24 +52,12 @@ def measure_images(images: Path, out: Path) -> ImageLatency:
     VislamError
         Where the run or the listener fails.
     """
-    with local_environment() as environment:
-        listener = subprocess.Popen(
-            [sys.executable, "-u", "-m", "reliability.load.listener", "images"],
-            env={**environment, "PYTHONPATH": str(TOOLS)},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        try:
-            assert listener.stdout is not None
-            if listener.stdout.readline().strip() != READY:
-                raise VislamError("the listener did not start")
-            _run(images, out, environment)
-            said, _ = listener.communicate(timeout=_WAIT)
-        finally:
-            listener.kill()
-            listener.wait()
-    messages = parse(said.splitlines())
+    with (
+        local_environment() as environment,
+        listening(environment, IMAGES) as listener,
+    ):
+        _run(images, out, environment)
+        messages = listener.end()
     sent, odometry = messages[LEFT_IMAGE.name], messages[ODOMETRY.name]
     begin = min(sent, default=0) + 10**9
     later = {name: {s: m for s, m in by.items() if s >= begin} for name, by in messages.items()}

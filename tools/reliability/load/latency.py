@@ -20,6 +20,12 @@ from vislam_ros.data.bags.layout import (
 
 _NS_A_MS = 1e6
 
+OF_DRIVES = (TWIST, PREDICTION, FEATURES, ODOMETRY, STEPS)
+"""What a listener hears of tracks."""
+
+OF_IMAGES = (LEFT_IMAGE, ODOMETRY)
+"""What it hears of images, which it would otherwise copy for nothing."""
+
 
 @dataclass(frozen=True)
 class Heard:
@@ -47,8 +53,7 @@ Messages = Mapping[str, Mapping[int, Heard]]
 
 def parse(lines: Iterable[str]) -> dict[str, dict[int, Heard]]:
     """Messages of a listener's lines."""
-    topics = (TWIST, PREDICTION, FEATURES, ODOMETRY, STEPS, LEFT_IMAGE)
-    messages: dict[str, dict[int, Heard]] = {topic.name: {} for topic in topics}
+    messages: dict[str, dict[int, Heard]] = {topic.name: {} for topic in (*OF_DRIVES, *OF_IMAGES)}
     for line in lines:
         topic, stamp, published, came, size, latency_ms = line.split()
         messages[topic][int(stamp)] = Heard(

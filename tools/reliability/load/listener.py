@@ -17,24 +17,16 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 
+from reliability.load.latency import OF_DRIVES, OF_IMAGES
 from vislam_ros.data.bags.decoding import stamp_of
-from vislam_ros.data.bags.layout import (
-    FEATURES,
-    LEFT_IMAGE,
-    ODOMETRY,
-    PREDICTION,
-    STEPS,
-    TWIST,
-    Topic,
-)
+from vislam_ros.data.bags.layout import STEPS, Topic
 from vislam_ros.nodes.conversions import status_values
 from vislam_ros.nodes.slam_report import row_from_values
 from vislam_ros.nodes.topics import STREAM, message_class
 
-TOPICS = (TWIST, PREDICTION, FEATURES, ODOMETRY, STEPS)
 READY = "ready"
-OF_IMAGES = (LEFT_IMAGE, ODOMETRY)
-"""What is heard where an argument says ``images``, which others would copy for nothing."""
+IMAGES = "images"
+"""An argument: listen to images."""
 
 
 def _teller(topic: Topic, lines: list[tuple[Topic, int, int, bytes]]) -> Callable[..., None]:
@@ -59,7 +51,7 @@ def main() -> None:
     rclpy.init()
     node = rclpy.create_node("listener")
     heard: list[tuple[Topic, int, int, bytes]] = []
-    for topic in OF_IMAGES if sys.argv[1:] == ["images"] else TOPICS:
+    for topic in OF_IMAGES if sys.argv[1:] == [IMAGES] else OF_DRIVES:
         cls = message_class(topic.msgtype)
         node.create_subscription(cls, topic.name, _teller(topic, heard), STREAM, raw=True)
     executor = SingleThreadedExecutor()

@@ -3,17 +3,14 @@
 """A bag through the graph with a listener beside it."""
 
 import math
-import subprocess
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from reliability.load.graph import START_SECONDS, TOOLS, Graph, local_environment, running_graph
-from reliability.load.latency import Messages, parse
-from reliability.load.listener import READY
+from reliability.load.graph import START_SECONDS, Graph, local_environment, running_graph
+from reliability.load.latency import Messages
+from reliability.load.listening import listening
 from reliability.load.processes import cpu_seconds, cpu_shares
-from vislam_ros.errors import VislamError
 
 _WAIT = 60.0
 # Of the first frames the nodes have work to do that they never have again.
@@ -37,33 +34,23 @@ class Played:
 
 def play_heard(bag: Path, out: Path, rate: float, duration: float = math.inf) -> Played:
     """Play a bag, or some of its seconds, and wait until all frames are answered."""
-    with local_environment() as environment, running_graph(out, environment) as graph:
-        listener = subprocess.Popen(
-            [sys.executable, "-u", "-m", "reliability.load.listener"],
-            env={**environment, "PYTHONPATH": str(TOOLS)},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        try:
-            assert listener.stdout is not None
-            if listener.stdout.readline().strip() != READY:
-                raise VislamError("the listener did not start")
-            part = [] if math.isinf(duration) else [f"--duration={duration:g}"]
-            # The node that each is for, and the listener.
-            player = graph.play(bag, f"--rate={rate:g}", "--subscribers=2", *part)
-            graph.wait(lambda: graph.poses() >= _SETTLED_POSES, 2 * START_SECONDS, "poses")
-            began, before = time.monotonic(), _cpu(graph)
-            after, ended = before, began
-            while player.exit_code is None:
-                after, ended = _cpu(graph), time.monotonic()
-                graph.has_come(lambda: player.exit_code is not None, 0.2)
-            graph.has_come(graph.is_settled, _WAIT)
-            said, _ = listener.communicate(timeout=_WAIT)
-        finally:
-            listener.kill()
-            listener.wait()
-    return Played(parse(said.splitlines()), cpu_shares(before, after, ended - began))
+    with (
+        local_environment() as environment,
+        running_graph(out, environment) as graph,
+        listening(environment) as listener,
+    ):
+        part = [] if math.isinf(duration) else [f"--duration={duration:g}"]
+        # The node that each is for, and the listener.
+        player = graph.play(bag, f"--rate={rate:g}", "--subscribers=2", *part)
+        graph.wait(lambda: graph.poses() >= _SETTLED_POSES, 2 * START_SECONDS, "poses")
+        began, before = time.monotonic(), _cpu(graph)
+        after, ended = before, began
+        while player.exit_code is None:
+            after, ended = _cpu(graph), time.monotonic()
+            graph.has_come(lambda: player.exit_code is not None, 0.2)
+        graph.has_come(graph.is_settled, _WAIT)
+        messages = listener.end()
+    return Played(messages, cpu_shares(before, after, ended - began))
 
 
 def _cpu(graph: Graph) -> dict[str, float]:
