@@ -36,7 +36,6 @@ PERIOD = 1.0
 """Seconds of the clock between two messages on /diagnostics; fewer where something changes."""
 
 _CHECK_PERIOD = 0.2
-_STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 class Monitor:
@@ -291,7 +290,7 @@ class Monitor:
 def _decoded(topic: Topic, message_type: Any, data: bytes) -> Any:
     try:
         if topic.msgtype == TRANSFORMS.msgtype:  # a class that was made decodes nothing
-            return _STORE.deserialize_cdr(data, topic.msgtype)
+            return get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(data, topic.msgtype)
         return deserialize_message(data, message_type)
     except Exception as error:  # rclpy has a class of its own for each way to fail
         raise RefusedMessage(Refusal.UNDECODABLE) from error

@@ -110,7 +110,7 @@ class GatheredPass:
             image_size=image_size if all(image_size) else image_size_that_holds(pixels),
             twist_stamps=_stamps(self.twists),
             twists=np.array([twist for _, twist, _ in self.twists]).reshape(-1, 6),
-            accelerations=_measured([force for _, _, force in self.twists]),
+            accelerations=measured_forces([force for _, _, force in self.twists]),
             feature_stamps=_stamps(self.frames),
             offsets=np.cumsum([0, *(len(ids) for ids, _, _ in seen)], dtype=np.int64),
             ids=np.concatenate([np.empty(0, np.uint32), *(ids for ids, _, _ in seen)]),
@@ -128,7 +128,7 @@ def _stated(noise: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] 
     return np.concatenate(stated) if stated and len(stated) == len(noise) else None
 
 
-def _measured(forces: Sequence[Array | None]) -> Array | None:
+def measured_forces(forces: Sequence[Array | None]) -> Array | None:
     """Forces (N, 3), NaN where there is none; None where there are none at all."""
     if all(force is None for force in forces):
         return None

@@ -80,8 +80,8 @@ class RawCameras:
 
     def missing(self) -> list[str]:
         """What has not come yet, by its topic."""
-        missing = [topic.name for topic in (LEFT_CAMERA, RIGHT_CAMERA)]
-        missing = [name for name in missing if name not in {t.name for t in self._messages}]
+        infos = LEFT_CAMERA, RIGHT_CAMERA
+        missing = [topic.name for topic in infos if topic not in self._messages]
         if self._T_body_left(self._messages) is None:
             where = EXTRINSICS.name
             if LEFT_CAMERA in self._messages and not self._extrinsics_come():

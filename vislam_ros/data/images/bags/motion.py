@@ -14,6 +14,7 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.core.tracking.refusals import RefusedMessage
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.bag_messages import BagConnection, BagMessages
+from vislam_ros.data.bags.gathered_pass import measured_forces
 from vislam_ros.data.bags.layout import (
     EXTRINSICS,
     GROUND_TRUTH,
@@ -29,9 +30,6 @@ from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
-
-
-_UNKNOWN = np.full(3, np.nan)
 
 
 class RecordedMotion:
@@ -54,7 +52,7 @@ class RecordedMotion:
         self._frames = frames
         self._twists: dict[int, Array] = {}
         self._omegas: dict[int, Array] = {}
-        self._accelerations: dict[int, Array] = {}
+        self._accelerations: dict[int, Array | None] = {}
         self._poses: dict[int, tuple[Array, Array]] = {}
         self._transforms = StaticTransforms()
         self._extrinsics: Array | None = None
@@ -94,11 +92,10 @@ class RecordedMotion:
         if not self._omegas:
             return None
         stamps = sorted(self._omegas)
-        accelerations = np.array([self._accelerations[stamp] for stamp in stamps])
         return Motion.of_imu(
             np.array(stamps, dtype=np.int64),
             np.array([self._omegas[stamp] for stamp in stamps]),
-            None if np.isnan(accelerations).all() else accelerations,
+            measured_forces([self._accelerations[stamp] for stamp in stamps]),
         )
 
     def ground_truth(self) -> Trajectory | None:
@@ -147,8 +144,7 @@ class RecordedMotion:
         elif topic is IMU:
             stamp, omega = decoding.angular_velocity(message, self._frames_of(message))
             self._omegas.setdefault(stamp, omega)
-            force = decoding.linear_acceleration(message)
-            self._accelerations.setdefault(stamp, _UNKNOWN if force is None else force)
+            self._accelerations.setdefault(stamp, decoding.linear_acceleration(message))
 
     def _frames_of(self, message: Any) -> Frames:
         """Frames to hold the motion against: with extrinsics theirs, or those of its first one."""
