@@ -14,6 +14,7 @@ from vislam_ros.cli.exit_codes import INTERRUPTED
 from vislam_ros.cli.interrupts import held_interrupts, is_interrupt
 
 WAIT = 60.0
+INTERRUPTS = [signal.SIGINT, signal.SIGTERM]
 
 IN_COMPILED_CODE = """\
 import os, signal, threading
@@ -27,7 +28,7 @@ y = np.tile([30.0, 10.0, 5.0], (500, 1))
 caught = 0
 while caught < 40:
     try:
-        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
+        threading.Timer(0.01, os.kill, (os.getpid(), NUMBER)).start()
         while True:
             camera.warp(y, np.eye(4))
     except KeyboardInterrupt:
@@ -40,7 +41,7 @@ from vislam_ros.cli.interrupts import take_interrupts
 
 class Finalized:
     def __del__(self):
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), NUMBER)
         time.sleep(0.01)
 
 take_interrupts()
@@ -57,16 +58,16 @@ from vislam_ros.cli import main
 class Interrupting:
     def find_spec(self, name, path, target=None):
         if name == "vislam_ros.cli.parser":
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), NUMBER)
 
 sys.meta_path.insert(0, Interrupting())
 sys.exit(main.main(["solve", "drive.npz", "--out", "out"]))
 """
 
 
-def run(program):
+def run(program, number):
     return subprocess.run(
-        [sys.executable, "-c", program],
+        [sys.executable, "-c", f"NUMBER = {int(number)}\n{program}"],
         cwd=REPOSITORY,
         capture_output=True,
         text=True,
@@ -75,16 +76,18 @@ def run(program):
     )
 
 
+@pytest.mark.parametrize("number", INTERRUPTS)
 @pytest.mark.parametrize(
     ("program", "says"), [(IN_COMPILED_CODE, "40\n"), (IN_A_FINALIZER, "caught\n")]
 )
-def test_an_interrupt_arrives_as_one(program, says):
-    ended = run(program)
+def test_an_interrupt_arrives_as_one(program, says, number):
+    ended = run(program, number)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, says, "")
 
 
-def test_an_interrupt_while_a_command_imports_ends_it_in_one_line():
-    ended = run(WHILE_IT_IMPORTS)
+@pytest.mark.parametrize("number", INTERRUPTS)
+def test_an_interrupt_while_a_command_imports_ends_it_in_one_line(number):
+    ended = run(WHILE_IT_IMPORTS, number)
     assert (ended.returncode, ended.stderr) == (INTERRUPTED, "interrupted\n")
 
 

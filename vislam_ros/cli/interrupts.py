@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C as a KeyboardInterrupt that arrives as one wherever it strikes, and a quick end."""
+"""Ctrl-C and SIGTERM as a KeyboardInterrupt that arrives wherever it strikes, and a quick end."""
 
 import _thread
 import atexit
@@ -18,12 +18,19 @@ from types import FrameType
 # a SystemError.
 _CALLED_BY_COMPILED_CODE = "numba.core.serialize"
 _AGAIN_SECONDS = 0.005
+_NUMBERS = (signal.SIGINT, signal.SIGTERM)
 
 
 def take_interrupts() -> None:
-    """Prepare this process for Ctrl-C; where it is ignored, as in the background, it stays so."""
+    """Prepare this process for Ctrl-C and SIGTERM, from now to its end.
+
+    Where Ctrl-C is ignored, as in the background, it stays so.
+    """
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, _interrupt)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
+    if sys.unraisablehook is sys.__unraisablehook__:
         sys.unraisablehook = functools.partial(_not_raised, sys.unraisablehook)
     atexit.register(_end_quickly)
 
@@ -32,8 +39,7 @@ def take_interrupts() -> None:
 def held_interrupts() -> Iterator[None]:
     """Let an interrupt that comes in the block strike at its end: what it does is done whole."""
     caught: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, lambda n, _: caught.append(n)) for number in numbers}
+    before = {number: signal.signal(number, lambda n, _: caught.append(n)) for number in _NUMBERS}
     try:
         yield
     finally:
@@ -77,12 +83,14 @@ def _try_again() -> None:
         time.sleep(_AGAIN_SECONDS)
         main = threading.main_thread().ident
         if main is not None:
-            signal.pthread_kill(main, signal.SIGINT)  # which also ends what it waits for
+            # It also ends what is waited for, and is never ignored, as SIGINT may be.
+            signal.pthread_kill(main, signal.SIGTERM)
 
     # Not a threading.Thread, whose start waits and would be interrupted in turn.
     _thread.start_new_thread(interrupt, ())
 
 
 def _end_quickly() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in _NUMBERS:
+        signal.signal(number, signal.SIG_IGN)
     gc.freeze()  # a collection frees nothing any more, and takes long with compiled code

@@ -35,10 +35,11 @@ def test_ctrl_c_in_the_middle_keeps_the_results_and_leaves_no_process(start, bag
     assert summary["landmarks"] == len(results.landmarks) > 0
 
 
-def test_ctrl_c_while_the_nodes_start_ends_all(start, bag):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_while_the_nodes_start_ends_all(start, bag, number):
     run = start(bag)
     run.wait_until(lambda: SLAM in run.pids(), "the start of slam_node")
-    run.process.send_signal(signal.SIGINT)
+    run.process.send_signal(number)
     code, _, errors = run.end()
     assert code == 130
     assert errors[-1].startswith("interrupted")

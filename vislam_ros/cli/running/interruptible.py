@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""SIGTERM and Ctrl-C as one interrupt, and an ending that nothing interrupts."""
+"""An interrupt whose ending nothing interrupts."""
 
 import signal
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let SIGTERM interrupt as Ctrl-C does; the ending itself is not to be interrupted."""
+    """Let Ctrl-C or SIGTERM interrupt the block once: the ending is not to be interrupted."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
         ignore_interrupts()
