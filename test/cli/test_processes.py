@@ -219,6 +219,12 @@ def test_a_prepared_child_that_cannot_be_imported_is_named_with_its_error(prepar
     )
 
 
+def test_a_prepared_child_that_fails_before_it_is_told_is_named_with_its_error(prepare):
+    child = prepare("raise RuntimeError('no such thing')\n")["ready"]
+    assert child.wait(WAIT)
+    assert str(child.died()) == "ready ended early with exit code 1: RuntimeError: no such thing"
+
+
 def test_a_prepared_child_does_not_outlive_its_parent(tmp_path):
     (tmp_path / "ready_module.py").write_text(TOLD)
     parent = subprocess.Popen(

@@ -107,6 +107,11 @@ class Child:
         return self._log.path
 
     @property
+    def where(self) -> str:
+        """Where what it says is kept, in brackets; empty where it has not begun."""
+        return "" if self._log is None else f" ({self._log.path})"
+
+    @property
     def pid(self) -> int:
         """Process id."""
         return self._process.pid
@@ -129,12 +134,18 @@ class Child:
         code = self.exit_code
         how = f"exit code {code}"
         silent = "it was told to end" if code in (OK, INTERRUPTED) else "it named no error"
-        error = (self._log and self._log.last_error()) or silent
+        error = self._last_error() or silent
         if code is not None and code < 0:
             how = f"signal {-code} ({signal.Signals(-code).name})"
             if -code == signal.SIGKILL:
                 error += "; the system kills what takes too much memory"
-        return VislamError(f"{self.name} ended early with {how}: {error} ({self.log})")
+        return VislamError(f"{self.name} ended early with {how}: {error}{self.where}")
+
+    def _last_error(self) -> str | None:
+        if self._log is not None:
+            return self._log.last_error()
+        assert self._process.stdout is not None
+        return ChildLog(Path(os.devnull), self._process.stdout).last_error()
 
     def ask_to_end(self) -> None:
         """Send SIGINT, as Ctrl-C does, but only once, and let it go on if it was stopped."""

@@ -46,6 +46,16 @@ def test_ctrl_c_while_the_nodes_start_ends_all(start, bag, number):
     assert not run.pids()
 
 
+def test_a_node_that_is_killed_while_the_nodes_start_is_named(start, bag):
+    run = start(bag)
+    run.wait_until(lambda: SLAM in run.pids(), "the start of slam_node")
+    os.kill(run.pids()[SLAM], signal.SIGKILL)
+    code, _, errors = run.end()
+    assert code == 1
+    assert errors[-1].startswith("error: slam_node ended early with signal 9 (SIGKILL)")
+    assert not run.pids()
+
+
 def test_a_kill_leaves_the_rows_so_far_and_no_process(start, bag):
     run = start(bag)
     run.wait_for_steps()

@@ -8,11 +8,12 @@ the recorder writes.
 
 import argparse
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 from vislam_ros.cli.processes import prepared_children
 from vislam_ros.cli.running.modules import PREPARED
+from vislam_ros.cli.running.watch import Watch
 from vislam_ros.importing import importing
 
 
@@ -20,11 +21,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     started = time.monotonic()
     # They import for a second, and so does this process.
-    with prepared_children(PREPARED if _is_there(arguments.data) else {}) as prepared:
+    with (
+        prepared_children(PREPARED if _is_there(arguments.data) else {}) as prepared,
+        closing(Watch(prepared.values())) as watch,
+    ):
         with importing():
             from vislam_ros.cli.running.session import run_session
 
-        return run_session(arguments, started, prepared)
+        watch.check()
+        return run_session(arguments, started, prepared, watch)
 
 
 def _is_there(data: Path) -> bool:

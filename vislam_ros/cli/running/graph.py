@@ -5,7 +5,6 @@
 import os
 import signal
 import time
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -22,7 +21,8 @@ from vislam_ros.cli.played_bag import PlayedBag
 from vislam_ros.cli.processes import Child, Children
 from vislam_ros.cli.running.drawing import Pictures
 from vislam_ros.cli.running.interruptible import ignore_interrupts
-from vislam_ros.cli.running.modules import NODES
+from vislam_ros.cli.running.modules import NODES, PLAYER
+from vislam_ros.cli.running.watch import Watch
 from vislam_ros.data.bags.calibration import RECTIFIED_RULES
 from vislam_ros.data.bags.layout import LEFT_COMPRESSED
 from vislam_ros.data.files.parameter_file import write_parameters
@@ -39,8 +39,6 @@ _OF_RECTIFIED = tuple(word for rule in RECTIFIED_RULES for word in ("-r", ":=".j
 
 _POLL_SECONDS = 0.02
 _LOOKS_A_SUMMARY = 5
-# Long enough to stop a process and let it go on by hand; the whole run ends within 2 s.
-_STOPPED_SECONDS = 1.0
 _START_UP_SECONDS = 60.0
 # The recorder waits for the map and then says how the run ended: so much longer than it.
 _SETTLING_SECONDS = 30.0
@@ -55,6 +53,7 @@ def run_graph(
     scratch: Path,
     viewer: "LiveViewer | None",
     prepared: Mapping[str, Child],
+    watch: Watch,
     pictures: Pictures,
 ) -> None:
     """Start the graph, wait until the recorder is done, and end it whatever happens.
@@ -73,6 +72,8 @@ def run_graph(
         Shows it too.
     prepared : mapping of str to Child
         Nodes and player that are ready to begin.
+    watch : Watch
+        Over them, and over those that are started here.
     pictures : Pictures
         Get ready when all is played, and are begun when all is recorded.
 
@@ -120,10 +121,10 @@ def run_graph(
                 ]
                 recorder_node = nodes[-1]
                 player = children.start(
-                    "player",
+                    PLAYER,
                     "vislam_ros.cli.main",
                     [
-                        *([] if "player" in prepared else ["play"]),
+                        *([] if PLAYER in prepared else ["play"]),
                         str(bag.path),
                         "--whole-graph",
                         *bag.player_arguments,
@@ -132,8 +133,10 @@ def run_graph(
                         f"--rate={rate}",
                     ],
                 )
+                for child in (*nodes, player):
+                    watch.add(child)
                 with live_view(bag.frames) as update:
-                    _watch(nodes, player, results, RunView(update, viewer), pictures)
+                    _wait(watch, player, results, RunView(update, viewer), pictures)
         finally:
             ignore_interrupts()
             children.end(writer=recorder_node)
@@ -172,9 +175,7 @@ def _suspending(children: Children) -> Iterator[None]:
         signal.signal(signal.SIGTSTP, before)
 
 
-def _watch(
-    nodes: list[Child], player: Child, results: Path, view: RunView, pictures: Pictures
-) -> None:
+def _wait(watch: Watch, player: Child, results: Path, view: RunView, pictures: Pictures) -> None:
     """Wait until the recorder says how the run ended, with its last pass.
 
     Times are counted in looks at the processes, so that a run which was stopped as a whole goes on
@@ -186,20 +187,9 @@ def _watch(
         Where a process ends before its time, stands still, or the recorder does not come to its
         end.
     """
-    stopped: Counter[str] = Counter()
     looks = looks_since_the_player = looks_since_the_end = 0
     while True:
-        for child in nodes:
-            if child.exit_code is not None:
-                raise child.died()
-        if player.exit_code not in (None, OK):
-            raise player.died()
-        for child in (*nodes, player):
-            stopped[child.name] = stopped[child.name] + 1 if child.is_stopped else 0
-            if stopped[child.name] > _STOPPED_SECONDS / _POLL_SECONDS:
-                raise VislamError(
-                    f"{child.name} was stopped by a signal and did not go on ({child.log})"
-                )
+        watch.check()
         if looks % _LOOKS_A_SUMMARY == 0 and (summaries := summaries_of(results)):
             steps, newest = sum(summary["steps"] for _, summary in summaries), summaries[-1][1]
             view.show(summaries)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 NODES = ("imu_prediction_node", "slam_node", "recorder_node")
 """The nodes of every run, the recorder last."""
+PLAYER = "player"
 
 #: Module and first arguments, by name. The slowest to import comes first.
 PREPARED: Mapping[str, Sequence[str]] = {
@@ -13,5 +14,5 @@ PREPARED: Mapping[str, Sequence[str]] = {
         name: (f"vislam_ros.nodes.{name}",)
         for name in ("slam_node", "recorder_node", "imu_prediction_node")
     },
-    "player": ("vislam_ros.cli.main", "play"),
+    PLAYER: ("vislam_ros.cli.main", "play"),
 }

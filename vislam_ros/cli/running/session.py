@@ -21,6 +21,7 @@ from vislam_ros.cli.reading import conventions, print_notes, use_format
 from vislam_ros.cli.running.drawing import Pictures
 from vislam_ros.cli.running.graph import run_graph, summaries_of
 from vislam_ros.cli.running.interruptible import interruptible
+from vislam_ros.cli.running.watch import Watch
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.bags.integrity import require_intact
@@ -37,7 +38,7 @@ _INTERRUPTED = "the run was interrupted"
 
 
 def run_session(
-    arguments: argparse.Namespace, started: float, prepared: Mapping[str, Child]
+    arguments: argparse.Namespace, started: float, prepared: Mapping[str, Child], watch: Watch
 ) -> int:
     """Run a drive through the graph, and return the exit code.
 
@@ -49,6 +50,8 @@ def run_session(
         When the command began, by the monotonic clock.
     prepared : mapping of str to Child
         Nodes and player that are ready to begin.
+    watch : Watch
+        Over them, and over those that follow.
 
     Raises
     ------
@@ -68,11 +71,14 @@ def run_session(
                 interruptible(),
                 opened_viewer(arguments.data.stem, wanted=arguments.view) as viewer,
             ):
-                bag = _bag(arguments, parameters, scratch)
+                bag = _bag(arguments, parameters, scratch, watch)
+                watch.check()
                 _claim(results)
                 try:
                     rate = arguments.rate
-                    run_graph(bag, results, parameters, rate, scratch, viewer, prepared, pictures)
+                    run_graph(
+                        bag, results, parameters, rate, scratch, viewer, prepared, watch, pictures
+                    )
                 except (KeyboardInterrupt, VislamError) as caught:
                     error = caught
                 passes = _end_summaries(results, started, arguments.data.stem, error)
@@ -101,7 +107,9 @@ def _claim(directory: Path) -> None:
         ) from error
 
 
-def _bag(arguments: argparse.Namespace, parameters: RunParameters, scratch: Path) -> PlayedBag:
+def _bag(
+    arguments: argparse.Namespace, parameters: RunParameters, scratch: Path, watch: Watch
+) -> PlayedBag:
     """Return the bag to play: the one given, if the nodes can use it, or one made of the data."""
     rules = parameters.reading
     renamed, namespace = renamed_topics(arguments), arguments.namespace
@@ -125,12 +133,17 @@ def _bag(arguments: argparse.Namespace, parameters: RunParameters, scratch: Path
     use_format(arguments)
     bag = scratch / arguments.data.stem
     with progress_bar("converting", 1.0) as update:
+
+        def progress(share: float) -> None:
+            watch.check()
+            update(share, "")
+
         drive = convert(
             arguments.data,
             bag,
             conventions=conventions(arguments),
             frames=rules.frames,
-            progress=lambda share: update(share, ""),
+            progress=progress,
             **images,
         )
     print_notes(drive)
