@@ -47,7 +47,7 @@ def test_it_is_drawn_without_the_network(opened: Any) -> None:
     assert not opened.complaints
     assert not [url for url in opened.asked if not url.startswith(("file:", "data:", "blob:"))]
     assert opened.locator("#map canvas").count() > 0
-    assert opened.locator("#series .subplot").count() > 10
+    assert opened.locator("#series .nsewdrag").count() > 10
     picture = opened.locator("#map").screenshot()
     pixels = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).astype(int)
     red = (pixels[:, :, 2] > 150) & (pixels[:, :, 1] < 90) & (pixels[:, :, 0] < 90)
@@ -77,6 +77,44 @@ def test_a_moment_in_the_series_shows_in_the_map(opened: Any, round_results: Res
     opened.wait_for_function(
         "(() => { const all = document.getElementById('map')._fullData;"
         " return all[all.length - 1].visible === true; })()"
+    )
+
+
+def test_all_charts_show_the_stretch_of_time_that_one_is_drawn_over(opened: Any) -> None:
+    chart = opened.locator("#series .nsewdrag").nth(2)
+    chart.scroll_into_view_if_needed()
+    box = chart.bounding_box()
+    middle = box["y"] + box["height"] / 2
+    ends = [box["x"] + share * box["width"] for share in (0.25, 0.75)]
+    whole = ranges_of_time(opened)[0]
+    opened.mouse.move(ends[0], middle)
+    opened.mouse.down()
+    opened.mouse.move(ends[1], middle, steps=4)
+    opened.mouse.up()
+    opened.wait_for_function(
+        "Array.from(document.querySelectorAll('#series > div')).every("
+        " (chart) => chart._fullLayout.xaxis.range[0] > 1)"
+    )
+    (shown,) = {tuple(each) for each in ranges_of_time(opened)}
+    low, high = (whole[0] + share * (whole[1] - whole[0]) for share in (0.25, 0.75))
+    assert shown == pytest.approx((low, high), abs=0.1)
+
+
+def ranges_of_time(opened: Any) -> Any:
+    return opened.evaluate(
+        "Array.from(document.querySelectorAll('#series > div'),"
+        " (chart) => chart._fullLayout.xaxis.range)"
+    )
+
+
+def test_a_moment_in_one_chart_shows_in_those_beside_it(opened: Any) -> None:
+    chart = opened.locator("#series .nsewdrag").nth(2)
+    chart.scroll_into_view_if_needed()
+    box = chart.bounding_box()
+    opened.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    opened.wait_for_function(
+        "Array.from(document.querySelectorAll('#series > div')).filter("
+        " (chart) => chart.querySelector('.hoverlayer .hovertext')).length > 2"
     )
 
 

@@ -3,12 +3,40 @@
 (function () {
   const figures = JSON.parse(document.getElementById("figures").textContent);
   const scene = document.getElementById("map");
-  const series = document.getElementById("series");
   const narrow = window.matchMedia("(max-width: 600px)").matches;
   const config = { responsive: true, displaylogo: false, displayModeBar: narrow ? false : "hover" };
+  const charts = figures.series.map(function (figure) {
+    const place = document.createElement("div");
+    place.style.height = figure.layout.height + "px";
+    document.getElementById("series").append(place);
+    return { place, figure, shown: null };
+  });
+  // What all charts show: a new object for each change. `range` null is all of the time.
+  let view = { range: null, marks: [] };
+  let isDrawing = false;
 
   function fail(element, error) {
     element.textContent = "This chart cannot be drawn here: " + error;
+  }
+
+  function drawn(name) {
+    const marks = document.documentElement.dataset;
+    if (!(name in marks)) { marks[name] = Math.round(performance.now()); }
+  }
+
+  // What was asked of the page meanwhile comes first.
+  function soon(action) {
+    return new Promise((resolve) => window.setTimeout(resolve, 0)).then(action);
+  }
+
+  // Pixels from what is on the screen; 0 for what is there itself.
+  function distance(chart) {
+    const box = chart.place.getBoundingClientRect();
+    return Math.max(box.top - window.innerHeight, -box.bottom, 0);
+  }
+
+  function isOnScreen(chart) {
+    return distance(chart) === 0;
   }
 
   function nearest(times, time) {
@@ -21,28 +49,85 @@
     return low > 0 && time - times[low - 1] < times[low] - time ? low - 1 : low;
   }
 
-  function tie() {
-    const path = scene._fullData[0];
-    const now = scene._fullData.length - 1;
-    let wanted = null;
-    function show() {
-      const k = nearest(path.customdata, wanted);
-      wanted = null;
-      document.getElementById("now").textContent = path.customdata[k].toFixed(2) + " s: " +
-        [path.x[k], path.y[k], path.z[k]].map((value) => value.toFixed(2)).join(", ") + " m";
-      Plotly.restyle(
-        scene, { x: [[path.x[k]]], y: [[path.y[k]]], z: [[path.z[k]]], visible: true }, [now]);
+  function draw(chart) {
+    const isNew = chart.shown === null;
+    const layout = chart.figure.layout;
+    chart.shown = view;
+    layout.shapes = view.marks;
+    layout.xaxis.autorange = view.range === null;
+    if (view.range !== null) { layout.xaxis.range = view.range.slice(); }
+    if (narrow) { layout.margin.l = 44; }
+    return Plotly.react(chart.place, chart.figure.data, layout, config)
+      .then(() => { if (isNew) { tie(chart); } })
+      .catch((error) => fail(chart.place, error));
+  }
+
+  // One chart after the other, the nearest to the screen first, until all show the view.
+  function drawAll() {
+    const late = charts.filter((chart) => chart.shown !== view);
+    if (!late.some(isOnScreen)) { drawn("shownMs"); }
+    isDrawing = late.length > 0;
+    if (!isDrawing) {
+      drawn("drawnMs");
+      return;
     }
-    series.on("plotly_hover", function (event) {
-      if (wanted === null) { window.requestAnimationFrame(show); }
-      wanted = event.xvals ? event.xvals[0] : event.points[0].x;
+    const next = late.reduce((one, other) => distance(other) < distance(one) ? other : one);
+    soon(() => draw(next)).then(drawAll);
+  }
+
+  function look(changes) {
+    view = Object.assign({}, view, changes);
+    if (!isDrawing) { drawAll(); }
+  }
+
+  let pointedAt = null;
+  function point(time) {
+    if (pointedAt === null) { window.requestAnimationFrame(showPoint); }
+    pointedAt = time;
+  }
+
+  function showPoint() {
+    const time = pointedAt;
+    pointedAt = null;
+    if (!scene._fullData) { return; }
+    const path = scene._fullData[0];
+    const k = nearest(path.customdata, time);
+    document.getElementById("now").textContent = path.customdata[k].toFixed(2) + " s: " +
+      [path.x[k], path.y[k], path.z[k]].map((value) => value.toFixed(2)).join(", ") + " m";
+    Plotly.restyle(
+      scene, { x: [[path.x[k]]], y: [[path.y[k]]], z: [[path.z[k]]], visible: true },
+      [scene._fullData.length - 1]);
+  }
+
+  function tie(chart) {
+    function others() {
+      return charts.filter((each) => each !== chart && each.shown !== null && isOnScreen(each));
+    }
+    chart.place.on("plotly_hover", function (event) {
+      const time = event.xvals ? event.xvals[0] : event.points[0].x;
+      // The last argument keeps them from telling it on.
+      others().forEach((each) => Plotly.Fx.hover(each.place, { xval: time }, "xy", true));
+      point(time);
     });
+    chart.place.on("plotly_unhover", function (event) {
+      if (event && event.event) { others().forEach((each) => Plotly.Fx.unhover(each.place)); }
+    });
+    chart.place.on("plotly_relayout", function (event) {
+      if (event["xaxis.range[0]"] !== undefined) {
+        chart.shown = null;
+        look({ range: [event["xaxis.range[0]"], event["xaxis.range[1]"]] });
+      } else if (event["xaxis.autorange"]) {
+        look({ range: null });
+      }
+    });
+  }
+
+  function tieScene() {
     scene.on("plotly_click", function (event) {
-      const point = event.points[0];
-      if (point.curveNumber !== 0) { return; }
-      const time = point.customdata;
-      Plotly.relayout(series, { shapes: [{
-        type: "line", x0: time, x1: time, y0: 0, y1: 1, xref: "x", yref: "paper",
+      const { curveNumber, customdata } = event.points[0];
+      if (curveNumber !== 0) { return; }
+      look({ marks: [{
+        type: "line", x0: customdata, x1: customdata, y0: 0, y1: 1, xref: "x", yref: "paper",
         line: { width: 1, dash: "dot" } }] });
     });
   }
@@ -51,25 +136,11 @@
     figures.scene.data.forEach((trace) => {
       if (trace.marker && trace.marker.colorbar) { trace.marker.colorbar.len = 0.4; }
     });
-    figures.series.layout.margin.l = 44;
   }
   // The text is painted first, then the map can be used, then the charts follow.
-  function soon(action) {
-    return new Promise((resolve) => window.setTimeout(resolve, 0)).then(action);
-  }
-
-  function drawn(name) {
-    document.documentElement.dataset[name] = Math.round(performance.now());
-  }
-
   soon(() => Plotly.newPlot(scene, figures.scene.data, figures.scene.layout, config))
+    .then(tieScene)
     .catch((error) => fail(scene, error))
     .then(() => drawn("mapMs"))
-    .then(() => soon(() => Plotly.newPlot(
-      series, figures.series.data, figures.series.layout, config)))
-    .catch((error) => fail(series, error))
-    .then(function () {
-      if (scene._fullData && series._fullData) { tie(); }
-      drawn("drawnMs");
-    });
+    .then(drawAll);
 })();

@@ -4,7 +4,6 @@
 
 import html
 import importlib.resources
-from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,7 +13,7 @@ from vislam_ros.data.evaluation.laid_paths import laid_paths
 from vislam_ros.data.files.whole_file import made_directory, refuse_existing, replace_file
 from vislam_ros.data.report import words
 from vislam_ros.data.report.scene import drawn_landmarks, scene_figure
-from vislam_ros.data.report.series import series_figure
+from vislam_ros.data.report.series import series_figures
 from vislam_ros.data.results.reader import Results
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
@@ -77,10 +76,8 @@ def report_html(
     errors = None
     if reference is not None:
         errors = compare(reference, results.trajectory, results.covariances)
-    figures = {
-        "scene": scene_figure(results, laid),
-        "series": series_figure(results, reference),
-    }
+    scene = _json(plotly, scene_figure(results, laid))
+    series = ",".join(_json(plotly, figure) for figure in series_figures(results, reference))
     drawn = len(drawn_landmarks(results, laid)[0])
     there = 0 if results.landmarks is None else len(results.landmarks)
     note = f"{drawn:,} of {there:,} landmarks are drawn"
@@ -109,21 +106,20 @@ def report_html(
         "</div>",
         f"<h2>Reproduce</h2>{words.reproduction_html(results, reference_path)}",
     ]
+    figures = f'{{"scene":{scene},"series":[{series}]}}'
     return _document(plotly, results.name, "\n".join(sections), figures)
 
 
-def _document(
-    plotly: ModuleType, title: str, body: str, figures: Mapping[str, dict[str, Any]]
-) -> str:
+def _json(plotly: ModuleType, figure: dict[str, Any]) -> str:
+    text: str = plotly.io.to_json(plotly.graph_objects.Figure(figure))
+    # Inside a script element only its end tag is markup.
+    return text.replace("</", "<\\/")
+
+
+def _document(plotly: ModuleType, title: str, body: str, figures: str) -> str:
     files = importlib.resources.files("vislam_ros.data.report")
     style = (files / "page.css").read_text(encoding="utf-8")
     script = (files / "page.js").read_text(encoding="utf-8")
-    data = ",".join(
-        f'"{name}":{plotly.io.to_json(plotly.graph_objects.Figure(figure))}'
-        for name, figure in figures.items()
-    )
-    # Inside a script element only its end tag is markup.
-    data = data.replace("</", "<\\/")
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -135,7 +131,7 @@ def _document(
 </head>
 <body>
 {body}
-<script type="application/json" id="figures">{{{data}}}</script>
+<script type="application/json" id="figures">{figures}</script>
 <script>{plotly.offline.get_plotlyjs()}</script>
 <script>{script}</script>
 </body>

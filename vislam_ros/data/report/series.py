@@ -1,8 +1,8 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What happened over time, one chart below the other with one axis, as plotly's JSON has it."""
+"""What happened over time, a figure for each chart, as plotly's JSON has it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,21 +13,23 @@ from vislam_ros.data.results.reader import Results
 from vislam_ros.data.trajectory import Trajectory
 
 _GRID = {"gridcolor": "#e6e6e6", "zerolinecolor": "#cccccc"}
-_ROW_PIXELS, _GAP_PIXELS, _FOOT_PIXELS = 120, 34, 40
+_PLOT_PIXELS, _HEAD_PIXELS, _FOOT_PIXELS, _LAST_FOOT_PIXELS = 120, 24, 26, 40
 
 
-def series_figure(results: Results, reference: Trajectory | None = None) -> dict[str, Any]:
-    """Data and layout of the charts; their height in pixels stands in the layout."""
-    return _stacked(charts_of(results, reference))
+def series_figures(results: Results, reference: Trajectory | None = None) -> list[dict[str, Any]]:
+    """Data and layout of each chart, from the top down; its height in pixels is in the layout."""
+    charts = charts_of(results, reference)
+    return [_figure(chart, is_last=chart is charts[-1]) for chart in charts]
 
 
 def _traces(chart: Chart) -> Iterator[dict[str, Any]]:
     """Bands first, so that the lines lie on them."""
     yield from map(_band, chart.bands)
-    yield from map(_line, chart.lines)
+    for line in chart.lines:
+        yield _line(line, has_name=len(chart.lines) > 1)
 
 
-def _line(line: Line) -> dict[str, Any]:
+def _line(line: Line, *, has_name: bool) -> dict[str, Any]:
     rows = evenly(len(line.seconds), MOST_POSES)
     return {
         "type": "scatter",
@@ -36,7 +38,7 @@ def _line(line: Line) -> dict[str, Any]:
         "x": line.seconds[rows].astype(np.float32),
         "y": np.asarray(line.values)[rows].astype(np.float32),
         "line": {"color": line.colour, "width": 1},
-        "hovertemplate": "%{y:.4g}",
+        "hovertemplate": "%{y:.4g}" if has_name else "%{y:.4g}<extra></extra>",
     }
 
 
@@ -67,52 +69,33 @@ def _axis(chart: Chart) -> dict[str, Any]:
     return {"range": [low, high]}
 
 
-def _stacked(charts: Sequence[Chart]) -> dict[str, Any]:
-    """All charts in one figure, from the top down, with one axis of time."""
-    height = len(charts) * (_ROW_PIXELS + _GAP_PIXELS) + _FOOT_PIXELS
-    traces: list[dict[str, Any]] = []
-    last = "" if len(charts) < 2 else str(len(charts))
+def _figure(chart: Chart, *, is_last: bool) -> dict[str, Any]:
+    named = chart.lines if len(chart.lines) > 1 else []
+    names = "  ".join(f'<span style="color:{line.colour}">{line.name}</span>' for line in named)
+    foot = _LAST_FOOT_PIXELS if is_last else _FOOT_PIXELS
     layout: dict[str, Any] = {
-        "height": height,
+        "height": _HEAD_PIXELS + _PLOT_PIXELS + foot,
         "showlegend": False,
         "plot_bgcolor": "#ffffff",
         "hovermode": "x",
-        "hoversubplots": "axis",
-        "margin": {"l": 52, "r": 12, "t": 0, "b": _FOOT_PIXELS},
-        "annotations": [],
+        "margin": {"l": 52, "r": 12, "t": _HEAD_PIXELS, "b": foot},
         "uirevision": "kept",
         "xaxis": {
-            "title": {"text": "time [s]"},
-            "anchor": f"y{last}",
+            "title": {"text": "time [s]" if is_last else ""},
+            "automargin": False,
+            "hoverformat": ".2f",
             "showspikes": True,
             "spikemode": "across",
             "spikethickness": 1,
             "spikedash": "solid",
             **_GRID,
         },
-    }
-    plot_height = height - _FOOT_PIXELS
-    for k, chart in enumerate(charts):
-        number = "" if k == 0 else str(k + 1)
-        top = 1.0 - (k * (_ROW_PIXELS + _GAP_PIXELS) + _GAP_PIXELS) / plot_height
-        domain = [max(top - _ROW_PIXELS / plot_height, 0.0), top]
-        layout[f"yaxis{number}"] = {
-            "domain": domain,
-            "anchor": "x",
-            "nticks": 5,
-            **_GRID,
-            **_axis(chart),
-        }
-        traces += [{**each, "xaxis": "x", "yaxis": f"y{number}"} for each in _traces(chart)]
-        named = chart.lines if len(chart.lines) > 1 else []
-        words = "  ".join(
-            f'<span style="color:{line.colour}">{line.name}</span>' for line in named
-        )
-        layout["annotations"].append(
+        "yaxis": {"nticks": 5, "automargin": False, **_GRID, **_axis(chart)},
+        "annotations": [
             {
-                "text": f"<b>{chart.title}</b>  {words}",
+                "text": f"<b>{chart.title}</b>  {names}",
                 "x": 0.0,
-                "y": top,
+                "y": 1.0,
                 "xref": "paper",
                 "yref": "paper",
                 "xanchor": "left",
@@ -120,5 +103,6 @@ def _stacked(charts: Sequence[Chart]) -> dict[str, Any]:
                 "showarrow": False,
                 "font": {"size": 12},
             }
-        )
-    return {"data": traces, "layout": layout}
+        ],
+    }
+    return {"data": list(_traces(chart)), "layout": layout}
