@@ -12,8 +12,8 @@ from vislam_ros.cli.running.modules import PLAYER
 from vislam_ros.errors import VislamError
 
 _POLL_SECONDS = 0.02
-# Long enough to stop a process and let it go on by hand; the whole run ends within 2 s.
-_STOPPED_SECONDS = 1.0
+# Long enough for a debugger or a sampler that stops a process for a moment. The run ends within 2 s.
+_STOPPED_SECONDS = 0.5
 
 
 class Watch:
