@@ -39,6 +39,16 @@ def matches(path: Path) -> bool:
     return (path / _CALIBRATION).is_file() and _layout(path) is not None
 
 
+def lacks(path: Path) -> str | None:
+    """What a folder that begins like such a one has not; None where it is another kind."""
+    for left, right, *_ in _LAYOUTS:
+        if (path / left).is_dir():
+            missing = [name for name in (right, _CALIBRATION) if not (path / name).exists()]
+            found = f"{path}: has {left} and no {' and no '.join(missing)}: a pair needs all three"
+            return found if missing else None
+    return None
+
+
 def read(path: Path) -> StereoImages:
     """Open such a folder.
 

@@ -78,10 +78,12 @@ def read_oxts(folder: Path, notes: list[str]) -> OxtsSamples:
         raise VislamError(f"{times}: has {len(all_stamps)} times, none for {max(files)}.txt")
     stamps = all_stamps[list(files)]
     samples = np.array([_sample(file) for file in files.values()])
-    later = np.concatenate([[True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]])
-    if not later.all():
-        notes.append(f"Left out {int(np.sum(~later))} oxts samples that go back in time.")
-        stamps, samples = stamps[later], samples[later]
+    if late := int(np.sum(np.diff(stamps) < 0)):
+        notes.append(f"Put the oxts samples in order: {late} had a time before the last one's.")
+    times_once, order = np.unique(stamps, return_index=True)
+    if repeated := len(stamps) - len(times_once):
+        notes.append(f"Left out {repeated} oxts samples that repeat a time.")
+    stamps, samples = times_once, samples[order]
     motion = Motion(stamps, _twists(samples, folder), samples[:, _ACCELERATION])
     return OxtsSamples(motion, _poses(samples, folder))
 
