@@ -240,6 +240,10 @@ KITTI: dict[str, tuple[Fault, str]] = {
     "no projection": (edit("calib.txt", "P0: 100.0 0.0", "P0: 100.0 3.0"), "P0 is no projection"),
     "no focal length": (edit("calib.txt", "P0: 100.0", "P0: 0.0"), "a focal length of 0 px"),
     "no time": (edit("times.txt", "2.000000e-01", "later"), "line 3 is 'later', no seconds"),
+    "a blank line": (
+        edit("times.txt", "3.000000e-01\n", "\n"),
+        "times.txt: line 4 is blank, and each line is the time of a frame: write it, or take",
+    ),
     "few times": (edit("times.txt", "7.000000e-01\n", ""), "has 7 times, none for image 7"),
     "time goes back": (
         edit("times.txt", "4.000000e-01", "1.000000e-01"),
@@ -276,6 +280,10 @@ RAW: dict[str, tuple[Fault, str]] = {
     "few times": (
         lambda folder: (folder / "oxts" / "timestamps.txt").write_text(""),
         "oxts/timestamps.txt: has 0 times, none for 7.txt",
+    ),
+    "a blank line": (
+        edit("image_01/timestamps.txt", "2014-05", "\n2014-05"),
+        "image_01/timestamps.txt: line 1 is blank, and each line is the time of a frame",
     ),
     "no sample": (
         lambda folder: (folder / "oxts" / "data" / "0000000003.txt").write_text("1 2 3"),
