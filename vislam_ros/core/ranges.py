@@ -72,5 +72,7 @@ BASELINE = Range("a baseline", 1e-4, 1e3, "m")
 PIXEL = Range("a pixel", -LARGEST_PIXEL, LARGEST_PIXEL, "px")
 #: A hundredth of what Lucas and Kanade reach, to an image's width.
 PIXEL_NOISE = Range("a pixel's noise", 1e-4, 1e4, "px")
+#: Of a camera of 2000 Hz to one picture a minute; stamps in another unit are beyond.
+PERIOD = Range("a time between images", 5e-4, 60.0, "s")
 #: What goes on after a day is another drive.
 GAP = Range("a gap between stamps", 0.0, 86_400.0, "s")

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
+from vislam_ros.data.bags.bag_messages import lacks as bag_lacks
 from vislam_ros.data.bags.integrity import require_intact
 from vislam_ros.data.bags.reader import DEFAULT_RULES, ReadingRules, read_passes
 from vislam_ros.data.datasets import npz
@@ -40,10 +41,12 @@ def holds_images(
     Raises
     ------
     VislamError
-        Where there is a motion for what holds none, or a bag cannot be opened.
+        Where there is a motion for what holds none, a bag cannot be opened, or a folder is of a
+        kind that is known, and something of it is missing.
     """
     if is_images(path) or (is_bag(path) and bag.matches(path, topics)):
         return True
+    _require_whole(path)
     if motion is not None and path.exists():
         raise VislamError(f"{path}: holds no images: leave out --motion, which is for these")
     return False
@@ -75,8 +78,27 @@ def read_images(
     Raises
     ------
     VislamError
-        Where they cannot be read, or fit to no motion.
+        Where they cannot be read, fit to no motion, or are of cameras that are no pair.
     """
+    images = _opened(path, motion, conventions, rules, topics, namespace)
+    # It brings OpenCV, which takes a while to import.
+    from vislam_ros.frontend.rectification import Rectification
+
+    try:
+        Rectification(images.rig)
+    except VislamError as error:
+        raise VislamError(f"{path}: {error}") from error
+    return images
+
+
+def _opened(
+    path: Path,
+    motion: Path | None,
+    conventions: Conventions,
+    rules: ReadingRules,
+    topics: Mapping[str, str] | None,
+    namespace: str,
+) -> StereoImages:
     of_bags = (rules, dict(topics or {}), namespace)
     given = None if motion is None else read_motion(motion, conventions, *of_bags)
     for each in _FOLDERS:
@@ -99,7 +121,16 @@ def read_images(
         return _with(opened, given)
     if not path.exists():
         raise VislamError(f"{path}: no such file or directory")
+    _require_whole(path)
     raise VislamError(f"{path}: holds no images: give {_KINDS}")
+
+
+def _require_whole(path: Path) -> None:
+    """Refuse a folder of a kind that is known of which something is missing, and say what."""
+    if format_of(path) is None and not is_bag(path):
+        for lacks in (*(each.lacks for each in _FOLDERS), bag_lacks):
+            if missing := lacks(path):
+                raise VislamError(missing)
 
 
 def read_motion(

@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
-from vislam_ros.core.geometry.stereo_rig import DISTORTION_MODELS, RawCamera, StereoRig
+from vislam_ros.core.geometry.stereo_rig import (
+    COEFFICIENTS,
+    DISTORTION_MODELS,
+    RawCamera,
+    StereoRig,
+)
 from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
@@ -31,8 +36,6 @@ _WIDEST = math.sqrt(2.0)
 _SAMPLES = 33
 # How far the baseline may be from the left camera's x axis, as a cosine: 45 degrees.
 _SIDEWAYS = math.sqrt(0.5)
-
-_COEFFICIENTS = {"": (), "plumb_bob": (4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
 
 
 class Rectification:
@@ -150,13 +153,13 @@ def _check(camera: RawCamera, name: str) -> None:
             f"of {known}"
         )
     D = np.asarray(camera.D, dtype=float)
-    counts = _COEFFICIENTS[camera.distortion_model]
-    if counts and D.size not in counts:
+    counts = COEFFICIENTS[camera.distortion_model]
+    if camera.distortion_model and D.size not in counts:
         raise VislamError(
             f"{name} camera: {camera.distortion_model} has {D.size} coefficients, not "
             + " or ".join(map(str, counts))
         )
-    if not counts and np.any(D != 0):
+    if not camera.distortion_model and np.any(D != 0):
         raise VislamError(f"{name} camera: has coefficients and no distortion model; name it")
     K = np.asarray(camera.K, dtype=float)
     if not (K.shape == (3, 3) and np.isfinite(K).all() and K[0, 0] > 0 and K[1, 1] > 0):

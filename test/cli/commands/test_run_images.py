@@ -103,3 +103,21 @@ def test_a_body_that_stands_tilted_is_levelled_live_as_offline(start, tmp_path):
     assert_same(run, solved, FRAMES)
     first = read_results(run.out).trajectory.T_world_body[0]
     np.testing.assert_allclose(9.81 * first[2, :3], (2.0, -1.0, 9.552), atol=0.01)
+
+
+def test_images_of_another_clock_than_the_motion_are_refused_as_offline(tmp_path, capsys):
+    names = {role: name for role, name in OURS.items() if role != "twist"} | {"imu": "/imu/data"}
+    messages = drive_messages(names)
+    for topic, _, _, message in messages:
+        if topic in (OURS["left"], OURS["right"]):
+            message.header.stamp.sec -= 1_000_000
+        elif topic == "/imu/data":
+            message.header.frame_id = "base_link"
+    bag = write_messages(tmp_path / "bag", messages)
+    said = []
+    for words in (["solve", str(bag)], ["run", str(bag), "--no-pictures", "--rate", "0"]):
+        assert main([*words, "--out", str(tmp_path / "out")]) == 1
+        said.append(capsys.readouterr().err)
+        assert not (tmp_path / "out").exists()
+    assert said[0] == said[1]
+    assert "both must tell the time by one clock" in said[0]

@@ -7,8 +7,9 @@ from rewriting import JUNK, STORE
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
-from vislam_ros.data.bags.bag_messages import BagMessages, is_bag
+from vislam_ros.data.bags.bag_messages import BagMessages, is_bag, lacks
 from vislam_ros.data.bags.layout import FEATURES, IMU
+from vislam_ros.data.loading import load_drive
 from vislam_ros.errors import VislamError
 
 
@@ -32,6 +33,14 @@ def test_what_is_no_bag_is_refused(tmp_path):
         read_all(tmp_path / "nothing")
     with pytest.raises(VislamError, match="is not a bag"):
         read_all(tmp_path)
+
+
+def test_a_bag_without_its_metadata_is_told_what_to_do(bag):
+    assert lacks(bag) is None
+    (bag / "metadata.yaml").unlink()
+    with pytest.raises(VislamError, match=r"has bag\.mcap and no metadata\.yaml, as after a"):
+        load_drive(bag)
+    assert lacks(bag.parent) is None
 
 
 def test_bags_are_told_from_other_paths(bag, tmp_path):

@@ -165,6 +165,13 @@ def test_ground_truth_is_read(tmp_path):
     assert drive.notes == ()
 
 
+def test_stamps_that_were_rounded_to_few_bytes_are_told_so(tmp_path):
+    content = changed(time_stamps=dataset()["time_stamps"].astype(np.float32))
+    path = save(tmp_path / "data.npz", content)
+    with pytest.raises(VislamError, match="must increase; float32 rounds such times: store them"):
+        npz.read(path)
+
+
 def test_stamps_are_the_nearest_nanoseconds_of_the_floats():
     seconds = np.array([0.0, 0.1, 1317384506.402997, 1e9 + 0.5])
     # 1317384506.402997 as a double is 1317384506.402997016906...

@@ -75,6 +75,12 @@ def test_lines_come_with_their_numbers_and_tell_whether_they_are_whole(tmp_path:
     ]
 
 
+def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("\ufeff1 µs\n\ufeff2\n", encoding="utf-8")
+    assert read_text(tmp_path / "a") == "1 µs\n\ufeff2\n"
+    assert [line for _, line, _ in read_lines(tmp_path / "a")] == ["1 µs", "\ufeff2"]
+
+
 @pytest.mark.parametrize(("length", "fits"), [((1 << 16) - 1, True), (1 << 16, False)])
 def test_a_line_has_a_largest_length(tmp_path: Path, length: int, fits: bool) -> None:
     (tmp_path / "a").write_bytes(b"x" * length)

@@ -91,6 +91,37 @@ def test_what_is_no_image_is_refused_without_room_for_it(
     assert peak < 4 << 20
 
 
+@pytest.mark.parametrize("damage", ["cut off", "zeros", "a bit"])
+def test_a_damaged_png_is_told_in_one_line_and_by_nobody_else(
+    damage: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "image.png"
+    pixels = np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH), np.uint8)
+    assert cv2.imwrite(str(path), pixels)
+    data = path.read_bytes()
+    half = len(data) // 2
+    damaged = {
+        "cut off": data[:half],
+        "zeros": data[:half] + bytes(half),
+        "a bit": data[:half] + bytes([data[half] ^ 1]) + data[half + 1 :],
+    }
+    path.write_bytes(damaged[damage])
+    with pytest.raises(VislamError, match="this image is cut off or damaged"):
+        read_image(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_follows_a_png_and_what_is_said_of_it_do_not_count(tmp_path: Path) -> None:
+    path = tmp_path / "image.png"
+    pixels = np.full((HEIGHT, WIDTH), 7, np.uint8)
+    assert cv2.imwrite(str(path), pixels)
+    data, words = path.read_bytes(), b"tEXtComment\0by hand"
+    # Behind the signature and the header; with a checksum that is wrong.
+    said = struct.pack(">I", len(words) - 4) + words + bytes(4)
+    path.write_bytes(data[:33] + said + data[33:] + b"more")
+    np.testing.assert_array_equal(read_image(path).pixels, pixels)
+
+
 def test_an_image_of_another_size_than_the_first_is_refused(tmp_path: Path) -> None:
     files = []
     for k, width in enumerate((WIDTH, WIDTH + 1)):

@@ -124,6 +124,8 @@ def _bag(
         if arguments.motion is None and not arguments.tracks and not namespace:
             opened = read_images(arguments.data, rules=rules, topics=renamed)
             if opened.is_of_graph:
+                # What solve refuses the graph would only wait for.
+                opened.known_motion()
                 return PlayedBag.of(Path(arguments.data).resolve(), namespace, {})
         images |= {"topics": renamed, "namespace": namespace}
         renamed = {}

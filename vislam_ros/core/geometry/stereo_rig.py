@@ -14,6 +14,20 @@ Array = NDArray[np.float64]
 DISTORTION_MODELS = ("", "plumb_bob", "rational_polynomial", "equidistant")
 
 
+#: How many coefficients each of them can have.
+COEFFICIENTS = {"": (0,), "plumb_bob": (4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
+
+
+def without_idle_zeros(distortion_model: str, D: Array) -> Array:
+    """Coefficients (n,) without zeros at the end that go beyond those of the model.
+
+    OpenCV's calibrations have up to 14 numbers; those of a thin prism and of a tilt are zeros
+    where nobody asked for them.
+    """
+    most = max(COEFFICIENTS.get(distortion_model, (D.size,)))
+    return D if np.any(D[most:]) else D[:most]
+
+
 @dataclass(frozen=True)
 class RawCamera:
     """One camera with its lens, in the terms of a CameraInfo message.

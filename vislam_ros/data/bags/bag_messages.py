@@ -24,6 +24,19 @@ def is_bag(path: Path) -> bool:
     return path.is_file() and path.suffix in (".mcap", ".db3")
 
 
+def lacks(path: Path) -> str | None:
+    """What a directory with a bag's files has not; None where it has none."""
+    if is_bag(path) or not path.is_dir():
+        return None
+    files = sorted(each.name for each in path.iterdir() if is_bag(each) and each.is_file())
+    if not files:
+        return None
+    return (
+        f"{path}: has {files[0]} and no metadata.yaml, as after a crash: give the file itself, or "
+        "let ros2 bag reindex write it"
+    )
+
+
 @dataclass(frozen=True)
 class BagConnection:
     """A topic of a bag.

@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.geometry.stereo_rig import DISTORTION_MODELS, RawCamera, StereoRig
+from vislam_ros.core.geometry.stereo_rig import (
+    DISTORTION_MODELS,
+    RawCamera,
+    StereoRig,
+    without_idle_zeros,
+)
 from vislam_ros.core.ranges import FOCAL_LENGTH, PRINCIPAL_POINT
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage, check_range
 from vislam_ros.data.bags import decoding
@@ -83,7 +88,8 @@ def _camera(message: Any) -> RawCamera:
             f"distortion_model is {given!r:.40}: calibrate it as one of "
             + ", ".join(filter(None, DISTORTION_MODELS)),
         )
-    return RawCamera((int(message.width), int(message.height)), K, model, D)
+    size = int(message.width), int(message.height)
+    return RawCamera(size, K, model, without_idle_zeros(model, D))
 
 
 def _turn(message: Any) -> Array:

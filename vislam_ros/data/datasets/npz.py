@@ -58,6 +58,8 @@ SPELLINGS = {
     "baseline": ("b", "baseline", "extR_T_imu"),
     "extrinsics": ("imu_T_cam", "cam_T_imu", "extL_T_imu"),
 }
+# UNIX seconds in fewer bytes are minutes apart.
+_SECONDS = np.dtype(np.float64)
 GROUND_TRUTH = "ground_truth_T_world_body"
 # Read together with another key, or known and of no use here.
 _COMPANIONS = ("K_r", "extL_T_imu", "extR_T_imu", GROUND_TRUTH, "ground_truth_landmarks")
@@ -203,9 +205,13 @@ def _stamps(
     (late,) = np.nonzero(np.diff(stamps) <= 0)
     if len(late):
         k = int(late[0])
+        stored = arrays[key]().dtype
+        advice = ""
+        if stored.kind == "f" and stored.itemsize < _SECONDS.itemsize:
+            advice = f"; {stored.name} rounds such times: store them as {_SECONDS.name}"
         raise VislamError(
             f"{path}: {key}[{k + 1}] is {seconds[k + 1]!s}, not later than {seconds[k]!s} before "
-            "it: time must increase"
+            f"it: time must increase{advice}"
         )
     GAP.require(np.diff(stamps) / NANOSECONDS, f"{path}: {key}")
     return stamps, finding

@@ -60,7 +60,7 @@ def open_input(path: Path, what: str = "this file") -> Iterator[BinaryIO]:
 
 
 def read_text(path: Path, what: str = "this file", largest: int = LARGEST_TEXT) -> str:
-    """Read a small file of UTF-8 text.
+    """Read a small file of UTF-8 text, without the byte order mark that some editors begin with.
 
     Raises
     ------
@@ -72,13 +72,15 @@ def read_text(path: Path, what: str = "this file", largest: int = LARGEST_TEXT) 
     if len(content) > largest:
         raise VislamError(f"{path}: cannot read {what}: it is larger than {largest >> 10} kB")
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise VislamError(f"{path}: cannot read {what}: it is not a text file") from error
 
 
 def read_lines(path: Path, what: str = "this file") -> Iterator[tuple[int, str, bool]]:
-    """Yield the lines of an ASCII file: number from 1, text, and whether it has its end.
+    """Yield the lines of a file of UTF-8 text: number from 1, text, and whether it has its end.
+
+    The byte order mark that some editors begin a file with is no part of its first line.
 
     Raises
     ------
@@ -95,7 +97,7 @@ def read_lines(path: Path, what: str = "this file") -> Iterator[tuple[int, str, 
                     f"{_LONGEST_LINE >> 10} kB"
                 )
             try:
-                text = line.decode("ascii")
+                text = line.decode("utf-8-sig" if number == 1 else "utf-8")
             except UnicodeDecodeError as error:
                 raise VislamError(f"{path}: cannot read {what}: it is not a text file") from error
             yield number, text.rstrip("\r\n"), line.endswith(b"\n")

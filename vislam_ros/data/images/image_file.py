@@ -6,7 +6,9 @@ A few bytes can claim an image of gigabytes. Its size is read in its header, and
 camera's, before anything of that size is made.
 """
 
+import contextlib
 import re
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -110,10 +112,11 @@ def decoded(data: bytes, where: str, size: Size | None = None) -> RawImage:
     # It takes a while to import, which those that only look for a format need not wait for.
     import cv2
 
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        pixels = None
+    pixels = None
+    # The decoder writes lines of its own about damage that the checksums of a PNG tell.
+    if not data.startswith(_PNG) or _is_whole_png(data):
+        with contextlib.suppress(cv2.error):
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.shape[:2] != (height, width):
         raise VislamError(f"{where}: this image is cut off or damaged: copy it anew, or remove it")
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
@@ -170,6 +173,24 @@ def _claimed_size(data: bytes) -> Size | None:
     if match := _NETPBM.match(data[:4096]):
         return int(match[1]), int(match[2])
     return None
+
+
+def _is_whole_png(data: bytes) -> bool:
+    """Whether all chunks to the last are there, and their checksums right."""
+    place = len(_PNG)
+    while place + 12 <= len(data):
+        end = place + 12 + _big(data, place, 4)
+        kind = data[place + 4 : place + 8]
+        # Of a small first letter are those that hold no pixels.
+        is_needed = kind[:1].isupper()
+        if end > len(data) or (
+            is_needed and zlib.crc32(data[place + 4 : end - 4]) != _big(data, end - 4, 4)
+        ):
+            return False
+        if kind == b"IEND":
+            return True
+        place = end
+    return False
 
 
 def _jpeg_size(data: bytes) -> Size | None:

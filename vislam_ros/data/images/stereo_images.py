@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.stereo_rig import StereoRig
+from vislam_ros.core.ranges import PERIOD
 from vislam_ros.data.datasets.conventions import Conventions
-from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
 from vislam_ros.errors import VislamError
 from vislam_ros.frontend.turns import turn_between
 
@@ -132,7 +133,8 @@ class StereoImages:
         Raises
         ------
         VislamError
-            Where nothing tells it, or the times of the images.
+            Where nothing tells it, or the times of the images, or these are not its times, or are
+            no times of images.
         """
         if self.motion is None or not self.timed:
             what = "the motion" if self.motion is None else "the times of the images"
@@ -141,6 +143,15 @@ class StereoImages:
             raise VislamError(
                 f"{self.name}: nothing tells {what}: give a dataset or a bag that does with "
                 f"--motion{skipped}"
+            )
+        if len(self) > 1:
+            period = float(np.median(np.diff(self.stamps))) / NANOSECONDS
+            PERIOD.require(period, f"{self.name}: unit of the stamps")
+        (begin, end), (first, last) = self.motion.stamps[[0, -1]], self.stamps[[0, -1]]
+        if begin > last or end < first:
+            raise VislamError(
+                f"{self.name}: its images are from {first} to {last} ns and its motion from "
+                f"{begin} to {end} ns: both must tell the time by one clock, in nanoseconds"
             )
         return self.motion.during(self.stamps)
 

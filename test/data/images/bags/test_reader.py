@@ -114,6 +114,27 @@ def test_an_unrectified_pair_stands_as_both_camera_infos_say(tmp_path: Path) -> 
     np.testing.assert_allclose(R_left @ found, rectified, atol=1e-12)
 
 
+def test_coefficients_that_nobody_asked_for_are_zeros_at_the_end(tmp_path: Path) -> None:
+    D = np.array([-0.2, 0.1, 0.001, 0.002, 0.0, 0.01, 0.0, 0.0, *[0.0] * 6])
+    messages = drive_messages(OURS)
+    for topic, _, _, message in messages:
+        if topic in (OURS["left_info"], OURS["right_info"]):
+            message.d, message.distortion_model = D, "rational_polynomial"
+    rig = read_images(write_messages(tmp_path / "bag", messages)).rig
+    np.testing.assert_array_equal(rig.left.D, D[:8])
+
+
+def test_lenses_with_more_coefficients_than_are_known_are_refused(tmp_path: Path) -> None:
+    messages = drive_messages(OURS)
+    for topic, _, _, message in messages:
+        if topic == OURS["left_info"]:
+            message.d = np.full(8, 0.01)
+    path = write_messages(tmp_path / "bag", messages)
+    with pytest.raises(VislamError, match="left camera: plumb_bob has 8 coefficients") as caught:
+        read_images(path)
+    assert str(path) in str(caught.value)
+
+
 def test_images_without_a_partner_and_stamps_that_differ_are_noted(tmp_path: Path) -> None:
     messages = drive_messages(OURS)
     lost = [m for m in messages if not (m[0] == OURS["right"] and m[2] == STAMPS[3])]

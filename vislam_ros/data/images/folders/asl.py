@@ -44,6 +44,17 @@ def matches(path: Path) -> bool:
     return _root(path) is not None
 
 
+def lacks(path: Path) -> str | None:
+    """What a folder that begins like such a one has not; None where it is another kind."""
+    for root in (path / "mav0", path):
+        if any((root / camera).is_dir() for camera in _CAMERAS):
+            tables = [f"{camera}/{_TABLE}" for camera in _CAMERAS]
+            missing = [table for table in tables if not (root / table).is_file()]
+            found = f"{root}: has no {' and no '.join(missing)}: both cameras' tables are needed"
+            return found if missing else None
+    return None
+
+
 def read(path: Path) -> StereoImages:
     """Open such a folder.
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.geometry.stereo_rig import RawCamera
+from vislam_ros.core.geometry.stereo_rig import COEFFICIENTS, RawCamera
 from vislam_ros.core.ranges import FOCAL_LENGTH, MOUNT, PRINCIPAL_POINT
 from vislam_ros.data.files.inputs import read_text
 from vislam_ros.data.files.parameter_file import parse_yaml
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 _WHAT = "this calibration"
 _LARGEST = 1 << 17
 # OpenCV's YAML begins with a line and has tags that YAML does not know.
-_OF_OPENCV = re.compile(r"\A\ufeff?%YAML:[^\n]*\n|!!opencv-matrix")
+_OF_OPENCV = re.compile(r"\A%YAML:[^\n]*\n|!!opencv-matrix")
 _ROTATION_TOLERANCE = 1e-3
 _MODELS = {
     "": "",
@@ -34,12 +34,6 @@ _MODELS = {
     "equidistant": "equidistant",
     "fisheye": "equidistant",
     "rational_polynomial": "rational_polynomial",
-}
-_COEFFICIENTS = {
-    "": (0,),
-    "plumb_bob": (4, 5),
-    "equidistant": (4,),
-    "rational_polynomial": (8,),
 }
 
 
@@ -90,7 +84,7 @@ def _mapping(path: Path, content: Any, prefix: str = "") -> Mapping[str, Any]:
 
 def _camera(path: Path, fields: Mapping[str, Any], prefix: str, coefficients: str) -> RawCamera:
     model = str(fields.get("camera_model", "pinhole"))
-    if model != "pinhole":
+    if model.lower() != "pinhole":
         raise VislamError(f"{path}: {prefix}camera_model is {model!r}: calibrate it as a pinhole")
     fx, fy, cx, cy = _numbers(path, f"{prefix}intrinsics", fields.get("intrinsics"), (4,))
     FOCAL_LENGTH.require([fx, fy], f"{path}: {prefix}intrinsics")
@@ -100,6 +94,11 @@ def _camera(path: Path, fields: Mapping[str, Any], prefix: str, coefficients: st
         width, height = _numbers(path, f"{prefix}resolution", fields["resolution"], (2,))
         size = (int(width), int(height))
     given = str(fields.get("distortion_model", "") or "").lower()
+    if not given and fields.get(coefficients):
+        raise VislamError(
+            f"{path}: {prefix}distortion_model is missing, of which {coefficients} are: name it, "
+            "or give none"
+        )
     lens = _MODELS.get(given)
     if lens is None:
         known = ", ".join(name for name in _MODELS if name)
@@ -108,9 +107,7 @@ def _camera(path: Path, fields: Mapping[str, Any], prefix: str, coefficients: st
         )
     D = np.zeros(0)
     if lens:
-        D = _numbers(
-            path, f"{prefix}{coefficients}", fields.get(coefficients), _COEFFICIENTS[lens]
-        )
+        D = _numbers(path, f"{prefix}{coefficients}", fields.get(coefficients), COEFFICIENTS[lens])
     K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     return RawCamera(size, K, lens, D)
 

@@ -16,7 +16,7 @@ from vislam_ros.core.geometry.stereo_rig import StereoRig
 from vislam_ros.core.ranges import POSITION
 from vislam_ros.data.files.inputs import read_lines
 from vislam_ros.data.images.folders.kitti_calibration import projection, read_fields, translation
-from vislam_ros.data.images.folders.numbered_files import numbered_pairs
+from vislam_ros.data.images.folders.numbered_files import frame_times, numbered_pairs
 from vislam_ros.data.images.image_file import FilePairs
 from vislam_ros.data.images.reference_poses import from_first_pose
 from vislam_ros.data.images.stereo_images import StereoImages
@@ -37,6 +37,16 @@ _CALIBRATION = "calib.txt"
 def matches(path: Path) -> bool:
     """Whether a path is such a folder."""
     return (path / _CALIBRATION).is_file() and _layout(path) is not None
+
+
+def lacks(path: Path) -> str | None:
+    """What a folder that begins like such a one has not; None where it is another kind."""
+    for left, right, *_ in _LAYOUTS:
+        if (path / left).is_dir():
+            missing = [name for name in (right, _CALIBRATION) if not (path / name).exists()]
+            found = f"{path}: has {left} and no {' and no '.join(missing)}: a pair needs all three"
+            return found if missing else None
+    return None
 
 
 def read(path: Path) -> StereoImages:
@@ -88,14 +98,7 @@ def _times(path: Path, numbers: list[int]) -> NDArray[np.int64] | None:
     """Stamps (T,) of some frames; None where there is no such file."""
     if not path.exists():
         return None
-    seconds: list[float] = []
-    for number, line, _ in read_lines(path, "these times"):
-        if not line.strip():
-            continue
-        try:
-            seconds.append(float(line))
-        except ValueError:
-            raise VislamError(f"{path}: line {number} is {line!r:.50}, no seconds") from None
+    seconds = frame_times(path, "these times", float, "seconds")
     if numbers[-1] >= len(seconds):
         raise VislamError(
             f"{path}: has {len(seconds)} times, none for image {numbers[-1]}: one a line is needed"

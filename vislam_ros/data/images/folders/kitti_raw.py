@@ -47,6 +47,16 @@ def matches(path: Path) -> bool:
     return _pair(path) is not None
 
 
+def lacks(path: Path) -> str | None:
+    """What a folder that begins like such a one has not; None where it is another kind."""
+    for pair in _PAIRS:
+        folders = [f"image_{name}/data" for name in pair]
+        missing = [name for name in folders if not (path / name).is_dir()]
+        if len(missing) == 1:
+            return f"{path}: has no {missing[0]}: both cameras are needed"
+    return None
+
+
 def read(path: Path) -> StereoImages:
     """Open the folder of a drive.
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.ranges import POSITION, TURN_RATE, VELOCITY
-from vislam_ros.data.files.inputs import read_lines, read_text
-from vislam_ros.data.images.folders.numbered_files import numbered_files
+from vislam_ros.data.files.inputs import read_text
+from vislam_ros.data.images.folders.numbered_files import frame_times, numbered_files
 from vislam_ros.data.images.stereo_images import Motion
 from vislam_ros.data.trajectory import NANOSECONDS
 from vislam_ros.errors import VislamError
@@ -50,17 +50,8 @@ def read_stamps(path: Path) -> NDArray[np.int64]:
     VislamError
         Naming the line that is none.
     """
-    stamps = []
-    for number, line, _ in read_lines(path, "these time stamps"):
-        if not line.strip():
-            continue
-        try:
-            stamps.append(_stamp(line.strip()))
-        except ValueError:
-            raise VislamError(
-                f"{path}: line {number} is {line!r:.50}, no time as 2011-09-30 12:40:25.123456789"
-            ) from None
-    return np.array(stamps, dtype=np.int64)
+    form = "time as 2011-09-30 12:40:25.123456789"
+    return np.array(frame_times(path, "these time stamps", _stamp, form), dtype=np.int64)
 
 
 def read_oxts(folder: Path, notes: list[str]) -> OxtsSamples:
@@ -78,10 +69,12 @@ def read_oxts(folder: Path, notes: list[str]) -> OxtsSamples:
         raise VislamError(f"{times}: has {len(all_stamps)} times, none for {max(files)}.txt")
     stamps = all_stamps[list(files)]
     samples = np.array([_sample(file) for file in files.values()])
-    later = np.concatenate([[True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]])
-    if not later.all():
-        notes.append(f"Left out {int(np.sum(~later))} oxts samples that go back in time.")
-        stamps, samples = stamps[later], samples[later]
+    if late := int(np.sum(np.diff(stamps) < 0)):
+        notes.append(f"Put the oxts samples in order: {late} had a time before the last one's.")
+    times_once, order = np.unique(stamps, return_index=True)
+    if repeated := len(stamps) - len(times_once):
+        notes.append(f"Left out {repeated} oxts samples that repeat a time.")
+    stamps, samples = times_once, samples[order]
     motion = Motion(stamps, _twists(samples, folder), samples[:, _ACCELERATION])
     return OxtsSamples(motion, _poses(samples, folder))
 

@@ -25,8 +25,13 @@ def read_names(path: Path) -> dict[int, str]:
         stamp = _stamp(path, number, fields[0])
         name = fields[1] if len(fields) > 1 else ""
         if not name or "/" in name or "\0" in name:
-            raise VislamError(f"{path}: line {number} names no file after its stamp")
+            raise VislamError(
+                f"{path}: line {number} names no file after its stamp, but {name[:40]!r}: give "
+                "the name of one in data"
+            )
         names.setdefault(stamp, name)
+    if not names:
+        raise VislamError(f"{path}: holds no row of a stamp and a file's name")
     return dict(sorted(names.items()))
 
 
@@ -35,16 +40,15 @@ def read_numbers(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Stamps (n,), strictly increasing, and the first ``columns`` numbers after each.
 
-    Rows that are not later than all before them are left out and noted.
+    Rows come in the order of their stamps; a second one of a stamp is left out and noted.
 
     Raises
     ------
     VislamError
         Naming the file and the line.
     """
-    stamps: list[int] = []
-    values: list[list[float]] = []
-    left_out = 0
+    rows: dict[int, list[float]] = {}
+    repeated = 0
     for number, fields in _rows(path):
         stamp = _stamp(path, number, fields[0])
         row = _parsed(float, fields[1 : columns + 1])
@@ -52,22 +56,28 @@ def read_numbers(
             raise VislamError(
                 f"{path}: line {number} is no row of a stamp and {columns} finite numbers"
             )
-        if stamps and stamp <= stamps[-1]:
-            left_out += 1
-            continue
-        stamps.append(stamp)
-        values.append(row)
-    if not stamps:
+        repeated += stamp in rows
+        rows.setdefault(stamp, row)
+    if not rows:
         raise VislamError(f"{path}: holds no row of a stamp and {columns} numbers")
-    if left_out:
-        notes.append(f"Left out {left_out} rows of {path.name} that go back in time.")
-    return np.array(stamps, dtype=np.int64), np.array(values)
+    where = f"{path.parent.name}/{path.name}"
+    if repeated:
+        notes.append(f"Left out {repeated} rows of {where} that repeat a stamp.")
+    stamps = np.array(list(rows), dtype=np.int64)
+    order = np.argsort(stamps)
+    if late := int(np.sum(np.diff(stamps) < 0)):
+        notes.append(
+            f"Put the rows of {where} in order: {late} had a stamp before the last one's."
+        )
+    return stamps[order], np.array(list(rows.values()))[order]
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     for number, line, _ in read_lines(path, "this table"):
         text = line.strip()
-        if text and not text.startswith("#"):
+        # Columns that a program names have no # before them.
+        names_columns = number == 1 and text[:1].isalpha()
+        if text and not text.startswith("#") and not names_columns:
             yield number, [field.strip() for field in text.split(",")]
 
 
@@ -76,7 +86,7 @@ def _stamp(path: Path, number: int, text: str) -> int:
     stamp = _parsed(int, [text]) if len(text) <= 20 else None
     if stamp is None or not 0 <= stamp[0] <= np.iinfo(np.int64).max:
         raise VislamError(
-            f"{path}: line {number} begins with {text[:40]!r}, no stamp in nanoseconds"
+            f"{path}: line {number} begins with {text[:40]!r}, no stamp in nanoseconds and a comma"
         )
     return int(stamp[0])
 
