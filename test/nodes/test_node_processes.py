@@ -67,11 +67,11 @@ def test_a_node_that_cannot_start_says_why_in_one_line(processes, arguments, wor
         assert word in lines[0]
 
 
-@pytest.mark.parametrize("argument", ["-p", "drive_bag", "--rate"])
-def test_a_node_refuses_what_ros_would_pass_over_in_silence(processes, argument):
-    code, lines = processes.run_to_end("nodes.imu_prediction_node", argument, "--ros-args")
+@pytest.mark.parametrize("arguments", [("drive_bag",), ("--rate",), ("-p", "time_jump:=2.0")])
+def test_a_node_refuses_what_ros_would_pass_over_in_silence(processes, arguments):
+    code, lines = processes.run_to_end("nodes.imu_prediction_node", *arguments)
     assert code == 1
-    assert lines == [f"error: arguments outside --ros-args: {argument}; see --help"]
+    assert lines == [f"error: arguments outside --ros-args: {' '.join(arguments)}; see --help"]
 
 
 @pytest.mark.parametrize("flag", ["-h", "--help"])

@@ -7,8 +7,8 @@ import gc
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Protocol, runtime_checkable
@@ -117,12 +117,20 @@ def init_ros(args: list[str] | None = None) -> None:
     VislamError
         Where an argument will not do; ROS's own lines about it would stand beside ours.
     """
+    with _silent_rcl():
+        try:
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:
+            raise VislamError(_reason(error)) from error
+
+
+@contextmanager
+def _silent_rcl() -> Iterator[None]:
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.FATAL)
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        raise VislamError(_reason(error)) from error
-    rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
+        yield
+    finally:
+        rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
 def _wants_help(args: Sequence[str] | None) -> bool:
@@ -130,7 +138,8 @@ def _wants_help(args: Sequence[str] | None) -> bool:
 
     rclpy would pass over it in silence, so ``-p`` without ``--ros-args`` would change nothing.
     """
-    others = remove_ros_args(args)[1:]
+    with _silent_rcl():
+        others = remove_ros_args(args)[1:]
     if {"-h", "--help"} & set(others):
         return True
     if others:

@@ -109,7 +109,7 @@ services: player/pause, player/resume, player/step (std_srvs/Trigger)
     parser.add_argument(
         "--whole-graph",
         action="store_true",
-        help="wait until the three nodes hear each other, too",
+        help="wait until all nodes of the graph hear each other, too",
     )
     parser.add_argument(
         "--window",
