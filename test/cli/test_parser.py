@@ -102,6 +102,13 @@ def test_what_is_like_nothing_or_no_typo_gets_no_suggestion(argv, capsys):
     assert "did you mean" not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_argument_has_a_help_text(command):
+    (commands,) = (action for action in build_parser()._actions if action.dest == "command")
+    parser = commands.choices[command]
+    assert [action.dest for action in parser._actions if not action.help] == []
+
+
 def test_without_a_command_it_prints_the_help_with_three_commands_to_begin_with(capsys):
     assert main([]) == 0
     text = capsys.readouterr().out

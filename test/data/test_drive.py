@@ -42,6 +42,17 @@ def test_frames_are_held_one_after_the_other_and_ids_in_order() -> None:
     assert drive.image_size == (61, 31)
 
 
+def test_tracks_of_two_frames_in_turn_are_held_against_each_other() -> None:
+    first, second = np.arange(8.0).reshape(2, 4), np.arange(8.0, 20.0).reshape(3, 4)
+    drive = drive_of(ids=[[3, 7], [9, 7, 1], [7]], pixels=[first, second, second[:1]])
+    ids, before, after = drive.followed(0)
+    assert (ids.tolist(), before.tolist(), after.tolist()) == (
+        [7],
+        [[4, 5, 6, 7]],
+        [[12, 13, 14, 15]],
+    )
+
+
 def test_the_frames_of_a_drive_make_the_same_drive() -> None:
     drive = simulate(steps=10, landmarks=40).drive
     ids, pixels = zip(*map(drive.frame, range(drive.steps)), strict=True)

@@ -26,6 +26,7 @@ class Processes:
             [sys.executable, "-m", f"vislam_ros.{module}", *arguments],
             cwd=REPOSITORY,
             env=self._environment,
+            stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
         )

@@ -67,6 +67,21 @@ def test_a_node_that_cannot_start_says_why_in_one_line(processes, arguments, wor
         assert word in lines[0]
 
 
+@pytest.mark.parametrize("arguments", [("drive_bag",), ("--rate",), ("-p", "time_jump:=2.0")])
+def test_a_node_refuses_what_ros_would_pass_over_in_silence(processes, arguments):
+    code, lines = processes.run_to_end("nodes.imu_prediction_node", *arguments)
+    assert code == 1
+    assert lines == [f"error: arguments outside --ros-args: {' '.join(arguments)}; see --help"]
+
+
+@pytest.mark.parametrize("flag", ["-h", "--help"])
+def test_a_node_tells_how_it_is_started(processes, flag):
+    process = processes.start("nodes.imu_prediction_node", flag)
+    words, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 0, errors
+    assert words.startswith("usage: imu_prediction_node [--ros-args ")
+
+
 @pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 3])
 def test_signals_end_a_node_with_0_and_without_a_traceback(processes, probe, signals):
     process = processes.start("nodes.imu_prediction_node", "--ros-args", "-p", "time_jumb:=2.0")

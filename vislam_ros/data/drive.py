@@ -206,6 +206,17 @@ class Drive:
         rows = slice(self.offsets[k], self.offsets[k + 1])
         return self.ids[rows], self.pixels[rows]
 
+    def followed(
+        self, k: int
+    ) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
+        """Ids (n,) and pixels (n, 4), (n, 4) of the tracks that ``k`` and ``k + 1`` both have."""
+        ids_before, before = self.frame(k)
+        ids_after, after = self.frame(k + 1)
+        ids, first, second = np.intersect1d(
+            ids_before, ids_after, assume_unique=True, return_indices=True
+        )
+        return ids, before[first], after[second]
+
     def noise_of(self, k: int) -> NDArray[np.float32] | None:
         """Stated noise (n,) of frame ``k``, pixels; None where there is none."""
         return None if self.noise is None else self.noise[self.offsets[k] : self.offsets[k + 1]]

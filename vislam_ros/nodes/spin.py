@@ -7,8 +7,9 @@ import gc
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Protocol, runtime_checkable
 
@@ -20,7 +21,7 @@ from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
+from rclpy.utilities import remove_ros_args, try_shutdown
 
 from vislam_ros.errors import VislamError, one_line
 from vislam_ros.nodes.steady import steady_timer
@@ -72,7 +73,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     Returns
     -------
     int
-        0 after a signal, 1 where the node could not start or could not go on.
+        0 after a signal or ``--help``, 1 where the node could not start or could not go on.
     """
     told_at: list[float] = []
 
@@ -85,6 +86,9 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         signal.signal(number, on_signal)
     try:
         init_ros(args)
+        if _wants_help(args):
+            print(_usage(args))
+            return 0
         node = make_node()
         # What is there by now stays. A collection that looked at it would take longer than steps.
         gc.freeze()
@@ -113,12 +117,46 @@ def init_ros(args: list[str] | None = None) -> None:
     VislamError
         Where an argument will not do; ROS's own lines about it would stand beside ours.
     """
+    with _silent_rcl():
+        try:
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:
+            raise VislamError(_reason(error)) from error
+
+
+@contextmanager
+def _silent_rcl() -> Iterator[None]:
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.FATAL)
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        raise VislamError(_reason(error)) from error
-    rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
+        yield
+    finally:
+        rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
+
+
+def _wants_help(args: Sequence[str] | None) -> bool:
+    """Tell whether a command line asks for help; refuse what stands outside ROS's arguments.
+
+    rclpy would pass over it in silence, so ``-p`` without ``--ros-args`` would change nothing.
+    """
+    with _silent_rcl():
+        others = remove_ros_args(args)[1:]
+    if {"-h", "--help"} & set(others):
+        return True
+    if others:
+        raise VislamError(f"arguments outside --ros-args: {' '.join(others)}; see --help")
+    return False
+
+
+def _usage(args: Sequence[str] | None) -> str:
+    program = Path((sys.argv if args is None else args)[0]).stem
+    return f"""\
+usage: {program} [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]
+
+Runs until Ctrl-C. config/ekf.yaml explains the parameters, docs/topics.md the topics.
+
+examples:
+  {program} --ros-args --params-file config/ekf.yaml
+  {program} --ros-args -r __ns:=/robot1 --log-level warn"""
 
 
 def _spin(node: Node, told_at: Sequence[float]) -> None:

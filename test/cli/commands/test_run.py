@@ -3,6 +3,10 @@
 """The whole live graph as processes: what it leaves when it ends well."""
 
 import csv
+import subprocess
+import sys
+
+from live.running import WAIT
 
 from vislam_ros.cli.main import main
 from vislam_ros.data.results.reader import read_results
@@ -56,3 +60,20 @@ def test_flags_reach_the_nodes_and_it_says_how_to_join_them(start, dataset):
     used = read_results(run.out).parameters["slam_node"]
     assert used["estimator"] == "dead_reckoning"
     assert (used["feature_fraction"], used["seed"]) == (0.5, 7)
+
+
+def test_it_names_the_result_directory_as_it_was_given(dataset, tmp_path):
+    run = subprocess.run(
+        [
+            *(sys.executable, "-m", "vislam_ros.cli.main", "run", dataset, "--out", "out"),
+            *("--rate", "0", "--no-pictures"),
+        ],
+        cwd=tmp_path,
+        timeout=WAIT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert f"{dataset.stem} in out" in run.stdout
+    assert "wrote out: " in run.stderr
+    assert "next: vislam evaluate out --reference " in run.stderr

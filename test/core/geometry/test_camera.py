@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.camera import StereoCamera, image_points_of, pixels_of
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,16 @@ def test_projection_is_the_reports_calibration_matrix_times_pi(points: Array) ->
     expected = homogeneous @ M.T / points[:, 2:]
     y = CAMERA.project(points)
     assert_allclose(y, expected[:, [0, 2, 1]], rtol=1e-13)
+
+
+def test_pixels_of_an_image_point_tell_it_again(points: Array) -> None:
+    y = CAMERA.project(points)
+    assert_allclose(image_points_of(pixels_of(y)), y, rtol=1e-15)
+
+
+def test_an_image_point_lies_between_the_rows_of_both_images() -> None:
+    pixels = np.array([[40.0, 10.0, 30.0, 11.0]], np.float32)
+    assert image_points_of(pixels).tolist() == [[40.0, 30.0, 10.5]]
 
 
 def test_triangulation_undoes_projection(points: Array) -> None:

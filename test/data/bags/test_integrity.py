@@ -15,17 +15,9 @@ from mcap.writer import Writer as McapWriter
 from places import SHARED_CASES
 
 from vislam_ros.data.bags.integrity import require_intact, verify_bag
-from vislam_ros.data.bags.writer import write_bag
-from vislam_ros.data.drive import Drive
 from vislam_ros.errors import VislamError
 
 FILES = ("bag.mcap", "metadata.yaml", "provenance.json", "SHA256SUMS")
-
-
-@pytest.fixture
-def bag(small_drive: Drive, tmp_path: Path) -> Path:
-    write_bag(small_drive, tmp_path / "bag")
-    return tmp_path / "bag"
 
 
 def recorded_elsewhere(bag: Path) -> Path:

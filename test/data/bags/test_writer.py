@@ -22,14 +22,7 @@ from vislam_ros.data.bags.integrity import file_sha256, require_intact
 from vislam_ros.data.bags.layout import FEATURES, GROUND_TRUTH, TOPICS, Frames
 from vislam_ros.data.bags.reader import read_passes
 from vislam_ros.data.bags.writer import write_bag
-from vislam_ros.data.drive import Drive
 from vislam_ros.errors import VislamError
-
-
-@pytest.fixture
-def bag(small_drive: Drive, tmp_path: Path) -> Path:
-    write_bag(small_drive, tmp_path / "bag")
-    return tmp_path / "bag"
 
 
 def decoded(bag: Path, topic: str) -> list[Any]:

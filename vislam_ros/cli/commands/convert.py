@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         held = "pairs of images"
     answer(
-        f"{arguments.output}: {drive.steps} {held}, {len(drive.twist_stamps)} twists, "
+        f"{arguments.output}: {drive.steps} {held}, {len(drive.twist_stamps)} samples of motion, "
         f"{drive.duration:.1f} s"
     )
     tell_next("run", str(arguments.output), "--out", f"results/{arguments.data.stem}")

@@ -157,9 +157,11 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
         help=f"{', '.join(names)}, or module:Class of your own",
     )
     parser.add_argument(
-        "--fraction", type=number_from(0, 1), metavar="F", help="share of the tracks to use"
+        "--fraction", type=number_from(0, 1), metavar="F", help="share of the tracks to use (1)"
     )
-    parser.add_argument("--seed", type=whole_from(0), metavar="N", help="of the choice of tracks")
+    parser.add_argument(
+        "--seed", type=whole_from(0), metavar="N", help="of the choice of tracks (0)"
+    )
     parser.add_argument(
         "--map", type=Path, metavar="FILE", help="landmarks.npz for --estimator localization"
     )

@@ -65,7 +65,9 @@ services: player/pause, player/resume, player/step (std_srvs/Trigger)
         metavar="S",
         help="wait before the first message, once the subscribers are there",
     )
-    parser.add_argument("--start-paused", action="store_true")
+    parser.add_argument(
+        "--start-paused", action="store_true", help="wait for space or player/resume"
+    )
     parser.add_argument(
         "--topics", nargs="+", default=PLAY.topics, metavar="T", help="play these topics only"
     )
@@ -107,7 +109,7 @@ services: player/pause, player/resume, player/step (std_srvs/Trigger)
     parser.add_argument(
         "--whole-graph",
         action="store_true",
-        help="wait until the three nodes hear each other, too",
+        help="wait until all nodes of the graph hear each other, too",
     )
     parser.add_argument(
         "--window",

@@ -212,7 +212,9 @@ def add_verify(commands: Commands) -> None:
   vislam verify results
 """,
     )
-    parser.add_argument("path", metavar="BAG_OR_DIR", type=Path)
+    parser.add_argument(
+        "path", metavar="BAG_OR_DIR", type=Path, help="a bag, or the DIR of a run or solve"
+    )
     parser.add_argument(
         "--params", type=Path, metavar="FILE", help="what solve is to read the bag with"
     )

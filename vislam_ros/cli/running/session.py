@@ -60,7 +60,7 @@ def run_session(
     """
     parameters = run_parameters(arguments)
     report_unused(parameters)
-    results: Path = arguments.out.resolve()
+    results: Path = arguments.out
     refuse_used(results, force=arguments.force)
     error: BaseException | None = None
     with tempfile.TemporaryDirectory(prefix="vislam_run_") as folder:
@@ -75,9 +75,16 @@ def run_session(
                 watch.check()
                 _claim(results)
                 try:
-                    rate = arguments.rate
                     run_graph(
-                        bag, results, parameters, rate, scratch, viewer, prepared, watch, pictures
+                        bag,
+                        results.resolve(),  # the nodes need not run in this folder
+                        parameters,
+                        arguments.rate,
+                        scratch,
+                        viewer,
+                        prepared,
+                        watch,
+                        pictures,
                     )
                 except (KeyboardInterrupt, VislamError) as caught:
                     error = caught

@@ -27,6 +27,12 @@ def pixels_of(y: Array) -> Array:
     return y[..., [0, 2, 1, 2]]
 
 
+def image_points_of(pixels: NDArray[np.floating]) -> Array:
+    """Image points (..., 3) of pixels (..., 4), the mean of both rows being theirs."""
+    rows = 0.5 * (pixels[..., 1] + pixels[..., 3])
+    return np.stack([pixels[..., 0], pixels[..., 2], rows], axis=-1).astype(float)
+
+
 @dataclass(frozen=True)
 class StereoCamera:
     """Calibration of a rectified stereo pair on a body.

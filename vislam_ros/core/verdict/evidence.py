@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
-from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.core.geometry.camera import StereoCamera, image_points_of
 from vislam_ros.core.motion import Increment, angular_twist
 from vislam_ros.core.tracking.tracks import indices_of
 from vislam_ros.core.verdict.image_motion import FEWEST_POINTS, ImageMotion, image_motion
@@ -261,16 +261,11 @@ def _common_points(
     n = min(len(common), _MOST_POINTS)
     if n < len(common):
         common = common[-(-np.arange(n) * len(common) // n)]  # rounded up
-    points_before, points_after = _points(before[places[common]]), _points(after[common])
+    points_before = image_points_of(before[places[common]])
+    points_after = image_points_of(after[common])
     disparity = points_after[:, 0] - points_after[:, 1]
     positive, negative = disparity > _CLEAR_DISPARITY, disparity < -_CLEAR_DISPARITY
     return points_before, points_after, int(positive.sum()), int(negative.sum())
-
-
-def _points(pixels: NDArray[np.float32]) -> Array:
-    """``(u_left, u_right, v)`` (n, 3) of pixels (n, 4)."""
-    rows = 0.5 * (pixels[:, 1] + pixels[:, 3])
-    return np.stack([pixels[:, 0], pixels[:, 2], rows], axis=-1).astype(float)
 
 
 def _twist_of(increment: Increment) -> Array:

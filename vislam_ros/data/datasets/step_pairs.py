@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.geometry.camera import image_points_of
 from vislam_ros.data.drive import Drive
 
 Array = NDArray[np.float64]
@@ -50,17 +51,13 @@ def step_pairs(drive: Drive, looked_at: NDArray[np.int64] | None = None) -> Step
     looked_at = looked_at[(looked_at >= 0) & (looked_at < drive.steps - 1)]
     steps, y, left = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))], [np.empty((0, 2))]
     for k in looked_at.tolist():
-        ids_before, before = drive.frame(k)
-        ids_after, after = drive.frame(k + 1)
-        _, rows_before, rows_after = np.intersect1d(
-            ids_before, ids_after, assume_unique=True, return_indices=True
-        )
-        z, z_after = before[rows_before].astype(float), after[rows_after].astype(float)
+        _, before, after = drive.followed(k)
+        z, z_after = before.astype(float), after.astype(float)
         if np.sum(np.all(z == z_after, axis=1)) > _FROZEN_SHARE * len(z):
             continue
         near = z[:, 0] - z[:, 2] > _MIN_DISPARITY
         z, z_after = z[near], z_after[near]
         steps.append(np.full(len(z), k))
-        y.append(np.column_stack([z[:, 0], z[:, 2], (z[:, 1] + z[:, 3]) / 2]))
+        y.append(image_points_of(z))
         left.append(z_after[:, :2])
     return StepPairs(np.concatenate(steps), np.concatenate(y), np.concatenate(left))

@@ -109,12 +109,8 @@ def _errors(drive: Drive, scales: tuple[float, ...]) -> Array | None:
         j = int(np.searchsorted(drive.twist_stamps, stamps[k + 1]))
         if j >= len(drive.twists):
             continue
-        ids_before, before = drive.frame(k)
-        ids_after, after = drive.frame(k + 1)
-        _, first, second = np.intersect1d(
-            ids_before, ids_after, assume_unique=True, return_indices=True
-        )
-        z, z_after = before[first].astype(float), after[second].astype(float)
+        _, before, after = drive.followed(k)
+        z, z_after = before.astype(float), after.astype(float)
         near = z[:, 0] - z[:, 2] > _MIN_DISPARITY
         z, z_after = z[near], z_after[near]
         if len(z) < _FEWEST_POINTS or np.median(np.abs(z - z_after)) < _LEAST_FLOW:

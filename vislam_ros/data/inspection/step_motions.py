@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry import se3
+from vislam_ros.core.geometry.camera import image_points_of
 from vislam_ros.core.geometry.warp import warp
 from vislam_ros.core.verdict.image_motion import image_motion
 from vislam_ros.data.drive import Drive
@@ -73,14 +74,14 @@ def step_motions(drive: Drive) -> StepMotions:
     by_twist: list[NDArray[np.bool_]] = [np.empty(0, dtype=bool)]
     generation, start, steps = 0, np.eye(4), 0
     for k in _looked_at(drive.steps - 1).tolist():
-        ids, before, after = _common(drive, k)
+        ids, before, after = drive.followed(k)
         if np.sum(np.all(before == after, axis=1)) > _REPEATED_SHARE * len(before):
             generation += len(before) > 0
             continue
         tau = float(drive.feature_stamps[k + 1] - drive.feature_stamps[k]) / NANOSECONDS
         twist = path[k]
         steps += 1
-        y, y_after = _points(before), _points(after)
+        y, y_after = image_points_of(before), image_points_of(after)
         T, told = None, np.isfinite(twist[3:]).all()
         if len(y) >= _FEWEST_POINTS:
             motion = image_motion(camera, y, y_after, start)
@@ -122,24 +123,6 @@ def _looked_at(steps: int) -> NDArray[np.int64]:
         return all_steps
     begins = np.linspace(0, steps - _RUN, _MOST_STEPS // _RUN).astype(int)
     return np.unique((begins[:, None] + np.arange(_RUN)).ravel())
-
-
-def _common(
-    drive: Drive, k: int
-) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
-    """Ids (n,) and pixels (n, 4), (n, 4) of the tracks that frames k and k + 1 have in common."""
-    ids_before, before = drive.frame(k)
-    ids_after, after = drive.frame(k + 1)
-    ids, first, second = np.intersect1d(
-        ids_before, ids_after, assume_unique=True, return_indices=True
-    )
-    return ids, before[first], after[second]
-
-
-def _points(pixels: NDArray[np.float32]) -> Array:
-    """``(u_left, u_right, v)`` (n, 3) of pixels (n, 4)."""
-    rows = 0.5 * (pixels[:, 1] + pixels[:, 3])
-    return np.stack([pixels[:, 0], pixels[:, 2], rows], axis=-1).astype(float)
 
 
 def _mean_twists(drive: Drive) -> Array:

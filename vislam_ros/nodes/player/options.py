@@ -34,7 +34,7 @@ class PlayOptions:
     subscribers : int
         How many subscribers the features and the twist each need.
     whole_graph : bool
-        Wait until the three nodes hear each other, too.
+        Wait until all nodes of the graph hear each other, too.
     window : int
         At rate 0, how many feature frames may be ahead of ``slam/odometry``.
     """

@@ -5,8 +5,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.data.simulation.images.motion import SmoothMotion, Stamps
-
 Array = NDArray[np.float64]
 
 
@@ -76,13 +74,6 @@ class CentreLine:
     def _left(self, way: Array) -> Array:
         left = np.stack([np.interp(way, self.ways, x) for x in self.left.T], axis=-1)
         return left / np.linalg.norm(left, axis=-1, keepdims=True)
-
-
-def way_gone(motion: SmoothMotion, stamps: Stamps) -> Array:
-    """Level way (n,) from the begin of a motion to each of some times, metres."""
-    positions = motion.poses(stamps)[:, :2, 3]
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _level(direction: Array) -> Array:
