@@ -100,6 +100,20 @@ def test_a_finding_and_what_was_done_stand_on_lines_of_their_own(
     assert "\\n" not in told
 
 
+@pytest.mark.parametrize("command", ["solve", "convert"])
+def test_commands_that_take_the_data_say_what_is_wrong_with_the_images_in_a_line(
+    command: str, drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with np.load(drive) as content:
+        features = content["features"][[2, 3, 0, 1]]
+    swapped = altered(drive, tmp_path / "swapped.npz", features=features)
+    where = ["--out", str(tmp_path / "out")] if command == "solve" else [str(tmp_path / "bag")]
+    main([command, str(swapped), *where])
+    notes = [line for line in capsys.readouterr().err.splitlines() if "left_right_swapped" in line]
+    assert len(notes) == 1
+    assert notes[0].startswith("note: left_right_swapped: ")
+
+
 def test_a_file_that_is_none_is_an_error(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -74,6 +74,14 @@ def judge(drive: Drive, reread: Reread | None = None, mending: Mending = AS_STOR
         return _judge(drive, again, mending)
 
 
+def faults_of_images(drive: Drive) -> list[Finding]:
+    """What shows in a drive's tracks alone, soon: sides, size, and the right camera."""
+    if not len(drive.pixels):
+        return []
+    with threadpoolctl.threadpool_limits(1):
+        return _judge_images(drive, lambda more: mended(drive, more), AS_STORED)[0]
+
+
 def mended(drive: Drive, mending: Mending) -> Drive:
     """Drive with faults of its pixels and extrinsics undone."""
     pixels = drive.pixels[:, [2, 3, 0, 1]] if mending.swaps_sides else drive.pixels
@@ -82,7 +90,10 @@ def mended(drive: Drive, mending: Mending) -> Drive:
     return replace(drive, pixels=pixels, camera=camera, image_size=image_size_that_holds(pixels))
 
 
-def _judge(drive: Drive, again: Reread, mending: Mending) -> Judged:
+def _judge_images(
+    drive: Drive, again: Reread, mending: Mending
+) -> tuple[list[Finding], Drive, Mending]:
+    """Findings of the tracks alone, the drive without these faults, and what was undone so far."""
     found: list[Finding] = []
     disparities = disparities_of(drive)
     if are_swapped(disparities):
@@ -96,6 +107,12 @@ def _judge(drive: Drive, again: Reread, mending: Mending) -> Judged:
     if right := judge_right_camera(drive):
         found.append(right)
         drive = corrected(drive, right)
+    return found, drive, mending
+
+
+def _judge(drive: Drive, again: Reread, mending: Mending) -> Judged:
+    found, drive, mending = _judge_images(drive, again, mending)
+    right = next((each for each in found if each.name == "right_camera"), None)
     walked = walk(drive)
     of_motion = judge_motion(walked.reasons)
     if of_motion and not mending.inverts_extrinsics:
