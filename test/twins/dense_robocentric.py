@@ -10,7 +10,7 @@ functions (see plain_image_points), exact to rounding, and share nothing with th
 
 import numpy as np
 from numpy.typing import NDArray
-from plain_belief import Told, birge_ratio, told_of_both
+from plain_belief import Told, told_of_both
 from plain_gates import agreeing, given_others, scales_with_tails
 from plain_image_points import (
     Complex,
@@ -97,7 +97,6 @@ class DenseRobocentricFilter:
         # Position and covariance as they are told when a landmark is marginalized.
         self.mapped: dict[int, tuple[Array, Array]] = {}
         self.clones: list[tuple[Array, int]] = []
-        self.biases: list[tuple[float, Array, Array]] = []
 
     def step(self, increment: Increment, frame: TrackedFrame) -> list[int]:
         """Take a frame; return the keys whose observations failed a gate."""
@@ -132,8 +131,6 @@ class DenseRobocentricFilter:
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))
             self.augment(np.eye(6, S), np.zeros((6, 6)), np.zeros(6))
-        bias, P_bb = self.estimate[BIAS].copy(), self.P[BIAS, BIAS].copy()
-        self.biases.append((increment.duration, bias, P_bb))
         return rejected
 
     def image_point_noise(self, scale: float) -> Array:
@@ -370,9 +367,7 @@ class DenseRobocentricFilter:
 
     def told(self) -> Told:
         """Weigh bias and none."""
-        prior, walk = self.settings.gyro_bias_std**2, self.settings.gyro_bias_walk_std**2
-        ratio = birge_ratio(self.biases, walk)
-        return told_of_both(self.P, BIAS, self.estimate[BIAS], prior, ratio)
+        return told_of_both(self.P, BIAS, self.estimate[BIAS], self.settings.gyro_bias_std**2)
 
     def told_pose(self, told: Told) -> Array:
         return self.T_world_body @ se3.exp(told.mean[POSE])

@@ -1,5 +1,7 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -8,6 +10,7 @@ from plain_belief import told_of_both
 from scipy.special import expit
 from scipy.stats import multivariate_normal
 
+from vislam_ros.core.operations import bias_belief as module
 from vislam_ros.core.operations.bias_belief import BiasBelief, bias_belief
 from vislam_ros.core.operations.error_state import ErrorState
 
@@ -47,19 +50,21 @@ def log_ratio(bias: Array, P_bb: Array) -> float:
 
 
 @pytest.mark.parametrize("size", [0.0, 0.002, 0.01])
-def test_the_odds_are_the_bias_density_at_zero_after_the_data_over_before(size: float) -> None:
+def test_untempered_the_odds_are_the_bias_density_at_zero_after_the_data_over_before(
+    size: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_TEMPER", 1.0)
     P, bias = state(81), size * np.array([0.6, -0.3, 1.0])
     assert_allclose(belief_of(P, bias).none, expit(log_ratio(bias, P[ROWS, ROWS])), rtol=1e-9)
 
 
-def test_tempered_the_datas_information_counts_as_a_part_of_itself() -> None:
+def test_the_datas_information_counts_as_a_tenth_of_itself() -> None:
     P, bias = state(82), np.array([0.004, -0.002, 0.006])
     prior = np.eye(3) / PRIOR_STD**2
     information = np.linalg.inv(P[ROWS, ROWS])
     P_tenth = np.asarray(np.linalg.inv(prior + (information - prior) / 10), dtype=np.float64)
     b_tenth = P_tenth @ information @ bias / 10
-    belief = bias_belief(P, ROWS, bias, PRIOR_STD**2, temper=10.0)
-    assert_allclose(belief.none, expit(log_ratio(b_tenth, P_tenth)), rtol=1e-9)
+    assert_allclose(belief_of(P, bias).none, expit(log_ratio(b_tenth, P_tenth)), rtol=1e-9)
 
 
 def test_before_the_data_half_of_the_prior_is_at_none() -> None:
@@ -98,7 +103,7 @@ def test_what_is_told_of_the_bias_is_no_surer_than_the_two_beliefs_are_near() ->
         assert_allclose(belief.bias_std**2, P.diagonal()[ROWS] + (told - bias) ** 2)
 
 
-def test_certain_of_none_all_is_conditioned_on_it() -> None:
+def test_certain_of_none_all_is_conditioned_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
     P, bias = state(84), np.array([1e-4, 0.0, 0.0])
     belief = belief_of(P, bias)._replace(none=1.0)
     change = change_of(belief, slice(None), slice(None))
@@ -170,7 +175,8 @@ def test_of_drives_with_a_clear_bias_none_is_taken_for_one_without() -> None:
     assert np.max(drawn(0.02, 0.001, 300)) < 1e-3
 
 
-def test_of_drives_with_a_belief_of_so_much_so_many_have_no_bias() -> None:
+def test_the_odds_are_right_where_nothing_is_tempered(monkeypatch: Any) -> None:
+    monkeypatch.setattr(module, "_TEMPER", 1.0)
     rng = np.random.default_rng(90)
     noise_std = 0.01
     P = np.eye(3) / (1 / PRIOR_STD**2 + 1 / noise_std**2)
@@ -179,6 +185,7 @@ def test_of_drives_with_a_belief_of_so_much_so_many_have_no_bias() -> None:
         bias = np.zeros(3) if without else PRIOR_STD * rng.standard_normal(3)
         estimate = P @ (bias + noise_std * rng.standard_normal(3)) / noise_std**2
         shares.append(bias_belief(P, slice(0, 3), estimate, PRIOR_STD**2).none)
+    # Of those with a belief of so much, so many have none.
     for low in np.arange(0.1, 0.9, 0.2):
         chosen = (np.array(shares) >= low) & (np.array(shares) < low + 0.2)
         assert abs(np.mean(none[chosen]) - np.mean(np.array(shares)[chosen])) < 0.05

@@ -116,7 +116,7 @@ CONSTANTS: tuple[Constant, ...] = (
     *_of("core.noise.twist_noise", "_MEMORY", "_PRIOR_WEIGHT", "_PRIOR_FADES"),
     *_of("core.noise.frame_rate", "_DURATIONS"),
     *_of("core.linalg.gating", ("_AS_FAR_OFF", (0.25, 0.9))),
-    *_of("core.operations.bias_agreement", "_STRETCH", "_PRIOR_RATIO", "_PRIOR_NUMBERS"),
+    *_of("core.operations.bias_belief", ("_TEMPER", (1.0, 20.0))),
     *_of("core.motion", "FIRST_TWIST_STD"),
     *_of("core.filters.robocentric_model", ("_DOUBT", (3.0, 30.0))),
     *_of("core.filters.robocentric", "_SHORTEST_STEP"),
