@@ -12,7 +12,7 @@ from vislam_ros.cli.running.modules import PLAYER
 from vislam_ros.errors import VislamError
 
 _POLL_SECONDS = 0.02
-# Long enough for a debugger or a sampler that stops a process for a moment. The run ends within 2 s.
+# Long enough for a sampler that stops a process for a moment; the whole run ends within 2 s.
 _STOPPED_SECONDS = 0.5
 
 
