@@ -11,7 +11,7 @@ from vislam_ros.data.bags.reader import ReadingRules
 from vislam_ros.data.datasets.conventions import Conventions
 from vislam_ros.data.datasets.formats import import_format
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.inspection.judging import faults_of_images
+from vislam_ros.data.inspection.right_camera import judge_pairs
 from vislam_ros.data.loading import load_passes
 from vislam_ros.frontend.settings import TrackerSettings
 
@@ -50,6 +50,6 @@ def conventions(arguments: argparse.Namespace) -> Conventions:
 
 
 def print_notes(drive: Drive) -> None:
-    """Print what the reader repaired or left out, and what is wrong with the images."""
-    for note in (*drive.notes, *(finding.note for finding in faults_of_images(drive))):
+    """Print what the reader repaired or left out, and what is wrong with its pairs."""
+    for note in (*drive.notes, *(finding.note for finding in judge_pairs(drive))):
         tell(f"note: {note}")

@@ -17,6 +17,18 @@ from vislam_ros.errors import VislamError
 WAIT = 30.0
 
 
+@pytest.fixture(autouse=True)
+def interruptible():
+    """SIGTERM interrupts the test, as it does a command."""
+
+    def interrupt(_signal, _frame):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
 @pytest.fixture
 def children(tmp_path, monkeypatch):
     """Prepare a node and the player, which do nothing until they are told to."""
@@ -37,15 +49,25 @@ def error_of(watch):
     raise AssertionError("nothing was seen")
 
 
+def test_who_is_busy_is_interrupted_until_it_looks_by_itself(children):
+    with closing(Watch(children.values())) as watch:
+        children["node"].send(signal.SIGKILL)
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(WAIT)
+        with pytest.raises(VislamError, match="node ended early"):
+            watch.check()
+
+
 def test_a_child_that_is_killed_before_it_begins_is_named(children):
     with closing(Watch(children.values())) as watch:
-        watch.check()
+        watch.settle()
         children["node"].send(signal.SIGKILL)
         assert error_of(watch).startswith("node ended early with signal 9 (SIGKILL)")
 
 
 def test_a_child_that_stands_still_is_named_and_one_that_goes_on_again_is_not(children):
     with closing(Watch(children.values())) as watch:
+        watch.settle()
         for number in (signal.SIGSTOP, signal.SIGCONT):
             children["player"].send(number)
             time.sleep(0.1)
@@ -55,6 +77,7 @@ def test_a_child_that_stands_still_is_named_and_one_that_goes_on_again_is_not(ch
 
 def test_a_player_may_end_when_it_has_played_all_and_a_node_may_not(children, tmp_path):
     with closing(Watch(children.values())) as watch:
+        watch.settle()
         for name in ("player", "node"):
             watch.check()
             children[name].begin([], os.environ, tmp_path)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.data.datasets.mending import inverted
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.inspection.judging import faults_of_images, judge
+from vislam_ros.data.inspection.judging import judge
+from vislam_ros.data.inspection.right_camera import judge_pairs
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 
 CLEAN = SimulationSettings(
@@ -49,14 +50,14 @@ def test_exchanged_sides_are_found_whatever_else_is_wrong(drive: Drive) -> None:
 
 def test_faults_of_the_images_show_without_any_motion(drive: Drive) -> None:
     still = replace(drive, twist_stamps=drive.twist_stamps[:0], twists=drive.twists[:0])
-    assert not faults_of_images(still)
+    assert not judge_pairs(still)
     exchanged = replace(
         still, pixels=drive.pixels[:, [2, 3, 0, 1]] + np.array([0, 0, 0, 2], np.float32)
     )
-    found = [each.name for each in faults_of_images(exchanged)]
+    found = [each.name for each in judge_pairs(exchanged)]
     assert found == ["left_right_swapped", "right_camera"]
     nothing = replace(still, ids=drive.ids[:0], pixels=drive.pixels[:0], offsets=0 * drive.offsets)
-    assert not faults_of_images(nothing)
+    assert not judge_pairs(nothing)
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0, 0.25])

@@ -25,9 +25,14 @@ def run(arguments: argparse.Namespace) -> int:
         prepared_children(PREPARED if _is_there(arguments.data) else {}) as prepared,
         closing(Watch(prepared.values())) as watch,
     ):
-        with importing():
-            from vislam_ros.cli.running.session import run_session
+        try:
+            with importing():
+                from vislam_ros.cli.running.session import run_session
 
+            watch.settle()
+        except KeyboardInterrupt:
+            watch.check()
+            raise
         watch.check()
         return run_session(arguments, started, prepared, watch)
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A watch over the processes of a run, from the first one's start to the end."""
 
+import signal
 import threading
 from collections import Counter
 from collections.abc import Iterable
@@ -19,8 +20,8 @@ _STOPPED_SECONDS = 0.5
 class Watch:
     """Looks at processes from a thread, so that none is missed while this one is busy.
 
-    Times are counted in looks, so that a run which was stopped as a whole goes on as if nothing
-    had been.
+    Until :meth:`settle` it interrupts the main thread, which imports and does not ask. Times are
+    counted in looks, so that a run which was stopped as a whole goes on as if nothing had been.
 
     Parameters
     ----------
@@ -32,6 +33,7 @@ class Watch:
         self._children = list(children)
         self._stopped: Counter[str] = Counter()
         self._failed: Child | None = None
+        self._interrupts = threading.Lock()  # held by whoever must not be interrupted any more
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._look_on, daemon=True)
         self._thread.start()
@@ -40,6 +42,10 @@ class Watch:
         """Watch one more, if it is not watched yet."""
         if child not in self._children:
             self._children.append(child)
+
+    def settle(self) -> None:
+        """Interrupt no more: from now on :meth:`check` is called often enough."""
+        self._interrupts.acquire()
 
     def check(self) -> None:
         """Raise the VislamError of the first process that has ended early or stands still."""
@@ -61,7 +67,14 @@ class Watch:
             for child in tuple(self._children):
                 if self._has_failed(child):
                     self._failed = child
+                    self._interrupt()
                     return
+
+    def _interrupt(self) -> None:
+        main = threading.main_thread().ident
+        if main is not None and self._interrupts.acquire(blocking=False):
+            signal.pthread_kill(main, signal.SIGTERM)
+            self._interrupts.release()
 
     def _has_failed(self, child: Child) -> bool:
         if child.exit_code is not None:

@@ -37,6 +37,11 @@ def are_swapped(disparities: Array) -> bool:
     return clear >= _FEWEST and negative > _MOSTLY * clear
 
 
+def exchanged(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Pixels (n, 4) of the right image in place of the left one's, and the other way round."""
+    return pixels[:, [2, 3, 0, 1]]
+
+
 def swapped(disparities: Array) -> Finding:
     """Finding of a drive whose sides are exchanged, by its disparities (n,) as they are."""
     share = float(np.mean(disparities < 0))

@@ -22,6 +22,7 @@ from vislam_ros.data.inspection import gyro_bias, moving_tracks
 from vislam_ros.data.inspection.disparities import (
     are_swapped,
     disparities_of,
+    exchanged,
     judge_disparities,
     swapped,
 )
@@ -74,26 +75,15 @@ def judge(drive: Drive, reread: Reread | None = None, mending: Mending = AS_STOR
         return _judge(drive, again, mending)
 
 
-def faults_of_images(drive: Drive) -> list[Finding]:
-    """What shows in a drive's tracks alone, soon: sides, size, and the right camera."""
-    if not len(drive.pixels):
-        return []
-    with threadpoolctl.threadpool_limits(1):
-        return _judge_images(drive, lambda more: mended(drive, more), AS_STORED)[0]
-
-
 def mended(drive: Drive, mending: Mending) -> Drive:
     """Drive with faults of its pixels and extrinsics undone."""
-    pixels = drive.pixels[:, [2, 3, 0, 1]] if mending.swaps_sides else drive.pixels
+    pixels = exchanged(drive.pixels) if mending.swaps_sides else drive.pixels
     pixels = pixels * np.float32(mending.pixel_scale)
     camera = mending.camera(drive.camera)
     return replace(drive, pixels=pixels, camera=camera, image_size=image_size_that_holds(pixels))
 
 
-def _judge_images(
-    drive: Drive, again: Reread, mending: Mending
-) -> tuple[list[Finding], Drive, Mending]:
-    """Findings of the tracks alone, the drive without these faults, and what was undone so far."""
+def _judge(drive: Drive, again: Reread, mending: Mending) -> Judged:
     found: list[Finding] = []
     disparities = disparities_of(drive)
     if are_swapped(disparities):
@@ -107,12 +97,6 @@ def _judge_images(
     if right := judge_right_camera(drive):
         found.append(right)
         drive = corrected(drive, right)
-    return found, drive, mending
-
-
-def _judge(drive: Drive, again: Reread, mending: Mending) -> Judged:
-    found, drive, mending = _judge_images(drive, again, mending)
-    right = next((each for each in found if each.name == "right_camera"), None)
     walked = walk(drive)
     of_motion = judge_motion(walked.reasons)
     if of_motion and not mending.inverts_extrinsics:

@@ -17,6 +17,12 @@ from numpy.typing import NDArray
 from vislam_ros.core.noise.twist_noise import MEDIAN_TO_STD
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.finding import Finding
+from vislam_ros.data.inspection.disparities import (
+    are_swapped,
+    disparities_of,
+    exchanged,
+    swapped,
+)
 
 Array = NDArray[np.float64]
 
@@ -28,6 +34,17 @@ _ENOUGH_PIXELS = 50_000  # more of them are known no better, for what their trac
 # Residuals count up to this many standard deviations, in so many rounds.
 _TUKEY, _ROUNDS = 4.685, 10
 _LEAST_STD = 0.02  # pixels: rounding
+
+
+def judge_pairs(drive: Drive) -> list[Finding]:
+    """Tell what pairs of pixels alone show: exchanged sides, and a right camera that is off."""
+    found = []
+    disparities = disparities_of(drive)
+    if are_swapped(disparities):
+        found.append(swapped(disparities))
+        drive = replace(drive, pixels=exchanged(drive.pixels))
+    right = judge_right_camera(drive)
+    return found if right is None else [*found, right]
 
 
 def judge_right_camera(drive: Drive) -> Finding | None:
