@@ -210,6 +210,8 @@ class Player(Node):
                 links += self._graph.missing(self._for_tracker, whole=whole)
             return links
 
+        if self.options.wait > 0.0 and (links := missing()):
+            self.get_logger().info(f"waiting up to {self.options.wait:g} s for {', '.join(links)}")
         if not self.clock.wait_for(lambda: not missing(), self.options.wait):
             links = missing()
             if links and self.options.wait > 0.0 and not self.clock.interrupted:
