@@ -294,6 +294,18 @@ class TestOrder:
         assert not first.refused.counts
         assert not second.refused.counts
 
+    def test_frames_of_which_no_stamp_is_confirmed_are_refused(self, bag):
+        def change(topic, index, message):
+            if topic == FEATURES.recorded:
+                if index:
+                    return None
+                message.header.stamp.sec -= 1000
+            return message
+
+        foreign = rewritten(bag, change)
+        with pytest.raises(VislamError, match=r"on \S+features has a stamp that another"):
+            read(foreign)
+
     def test_how_far_back_a_new_pass_begins_is_a_rule(self, bag, small_drive):
         foreign = rewritten(bag, from_half_on_anew(bag))
         rules = ReadingRules(twist_time_jump=100.0, features_time_jump=100.0)

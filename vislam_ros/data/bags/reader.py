@@ -287,13 +287,24 @@ class _Reading:
             raise VislamError(f"{self._bag.path}: {'; '.join(reasons)}")
 
     def drives(self, name: str, notes: Sequence[str]) -> tuple[Drive, ...]:
-        """Drives of the passes in which the motion reaches a frame, or of the first one."""
+        """Drives of the passes in which the motion reaches a frame, or of the first one.
+
+        Raises
+        ------
+        VislamError
+            Where no frame has a stamp that is believed.
+        """
         changes = (
             f"The calibration changes ({change}): a pass keeps the one that it begins with."
             for change in self._camera_changes
         )
         notes = [*notes, *self._notes_on_truth(), *changes]
         passes = [gathered for _, gathered in sorted(self._passes.items())]
+        if not any(gathered.frames for gathered in passes):
+            raise VislamError(
+                f"{self._bag.path}: no message on {self.names[FEATURES]} has a stamp that another "
+                "one, or the motion, confirms: are their clocks the same?"
+            )
         for gathered in passes:
             stream = Stream.IMU if self._motion is IMU else Stream.TWIST
             imu_turns = self._rules.imu_turns and self._motion is TWIST
