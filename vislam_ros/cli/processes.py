@@ -22,7 +22,7 @@ from vislam_ros.cli.interrupts import held_interrupts
 from vislam_ros.errors import VislamError
 
 # What a child gets to end by itself before the next, less friendly signal.
-_ENDING = ((signal.SIGINT, 3.0), (signal.SIGKILL, 3.0))
+_ENDING = ((signal.SIGINT, 1.0), (signal.SIGKILL, 3.0))
 # One that has files to close.
 _CLOSING = ((signal.SIGINT, 10.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 

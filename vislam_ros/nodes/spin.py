@@ -29,7 +29,7 @@ from vislam_ros.nodes.steady import steady_timer
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # How soon a signal is noticed where nothing else happens.
 _POLL_SECONDS = 0.05
-_ARRIVAL_SECONDS = 0.5
+_ARRIVAL_SECONDS = 0.3
 _LONGEST_SECONDS = 5.0
 # A signal that comes so soon after the first is the same wish.
 _AT_ONCE_SECONDS = 1.0

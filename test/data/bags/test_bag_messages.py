@@ -5,6 +5,7 @@
 import pytest
 from rewriting import JUNK, STORE
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.bags.bag_messages import BagMessages, is_bag, lacks
@@ -106,3 +107,17 @@ def test_an_empty_bag_has_no_messages(tmp_path):
     with BagMessages(tmp_path / "empty") as messages:
         assert (messages.start, messages.end, messages.count) == (0, 0, 0)
         assert list(messages.messages()) == []
+
+
+def test_messages_of_a_type_that_the_bag_defines_otherwise_are_refused(tmp_path):
+    name, definition = "sensor_msgs/msg/CameraInfo", "uint32 tallness\n"
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition, name))
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/camera_info", name, typestore=store)
+        writer.write(connection, 1, store.serialize_cdr(store.types[name](7), name).tobytes())
+    with BagMessages(tmp_path / "bag") as messages:
+        ((connection, _, data),) = messages.messages()
+        with pytest.raises(RefusedMessage) as error:
+            messages.decode(connection, data)
+    assert error.value.refusal is Refusal.UNDECODABLE

@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a bag as they are stored: raw for the player, decoded by their type."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import ConnectionExtRosbag2, Qos, QosDurability
+from rosbags.interfaces import ConnectionExtRosbag2, Nodetype, Qos, QosDurability
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.bags.claims import check_bag
@@ -105,6 +106,7 @@ class BagMessages:
             self._reader.open()
         except Exception as error:  # damaged bags raise errors of every kind
             raise self._unreadable(error) from error
+        self._foreign = _foreign_types(self._reader.typestore)
         self._by_connection = {
             connection.id: BagConnection(
                 connection.topic,
@@ -176,8 +178,11 @@ class BagMessages:
         Raises
         ------
         RefusedMessage
-            Where they are no message of the connection's type.
+            Where they are no message of the connection's type, or the bag has another definition
+            of it than ROS.
         """
+        if connection.msgtype in self._foreign:
+            raise RefusedMessage(Refusal.UNDECODABLE)
         try:
             return self._reader.deserialize(data, connection.msgtype)
         except Exception as error:  # damaged bytes and types raise errors of every kind
@@ -204,3 +209,25 @@ def _first_qos(extension: object) -> Qos | None:
         extension.offered_qos_profiles if isinstance(extension, ConnectionExtRosbag2) else []
     )
     return profiles[0] if profiles else None
+
+
+def _foreign_types(store: Typestore) -> set[str]:
+    """Types that a bag defines with other fields than ROS does, and those made of them."""
+    ours, theirs = get_typestore(Stores.ROS2_JAZZY).fielddefs, store.fielddefs
+    known = [name for name in theirs if name in ours]
+    foreign = {name for name in known if theirs[name][1] != ours[name][1]}
+    found = bool(foreign)
+    while found:
+        made = {n for n in known if n not in foreign and foreign & set(_parts(theirs[n][1]))}
+        foreign |= made
+        found = bool(made)
+    return foreign
+
+
+def _parts(fields: Iterable[tuple[str, Any]]) -> Iterator[str]:
+    """Names of the types that fields are made of."""
+    for _, (kind, detail) in fields:
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            kind, detail = detail[0]
+        if kind == Nodetype.NAME:
+            yield detail
