@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a bag as they are stored; what is no bag, or a damaged one."""
 
+import re
+
 import pytest
 from rewriting import JUNK, STORE
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -27,6 +29,18 @@ def test_a_damaged_file_is_refused_in_one_line(bag, damage):
         with pytest.raises(VislamError, match="cannot read this bag: ") as error:
             read_all(path)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("word", ["many", "[1]"])
+@pytest.mark.parametrize("key", ["nanoseconds", "message_count", "nanoseconds_since_epoch"])
+def test_numbers_of_the_metadata_that_are_none_are_refused_in_one_line(bag, key, word):
+    metadata = bag / "metadata.yaml"
+    changed = re.sub(rf"\b{key}: \d+", f"{key}: {word}", metadata.read_text())
+    assert changed != metadata.read_text()
+    metadata.write_text(changed)
+    with pytest.raises(VislamError, match="cannot read this bag: ") as error:
+        read_all(bag)
+    assert "\n" not in str(error.value)
 
 
 def test_what_is_no_bag_is_refused(tmp_path):

@@ -104,23 +104,27 @@ class BagMessages:
                 [self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY)
             )
             self._reader.open()
+            self._take_description()
         except Exception as error:  # damaged bags raise errors of every kind
             raise self._unreadable(error) from error
+        return self
+
+    def _take_description(self) -> None:
+        """Take what the bag says of itself, which may be anything."""
         self._foreign = _foreign_types(self._reader.typestore)
         self._by_connection = {
             connection.id: BagConnection(
                 connection.topic,
                 connection.msgtype,
-                connection.msgcount,
+                int(connection.msgcount),
                 _first_qos(connection.ext),
             )
             for connection in self._reader.connections
         }
         self.connections = tuple(self._by_connection.values())
-        if self._reader.message_count:
+        if int(self._reader.message_count):
             # The reader's end is the first nanosecond after the last message.
-            self.start, self.end = self._reader.start_time, self._reader.end_time - 1
-        return self
+            self.start, self.end = int(self._reader.start_time), int(self._reader.end_time) - 1
 
     def __exit__(
         self,
