@@ -63,10 +63,15 @@ def test_nothing_is_wider_than_the_screen(opened: Any) -> None:
         assert box["x"] + box["width"] <= width + 0.5
 
 
-def test_a_moment_in_the_series_shows_in_the_map(opened: Any, round_results: Results) -> None:
-    chart = opened.locator("#series .nsewdrag").first
+def box_of_chart(opened: Any, number: int) -> Any:
+    """Where a chart's plot is on the screen, to which it is brought."""
+    chart = opened.locator("#series .nsewdrag").nth(number)
     chart.scroll_into_view_if_needed()
-    box = chart.bounding_box()
+    return chart.bounding_box()
+
+
+def test_a_moment_in_the_series_shows_in_the_map(opened: Any, round_results: Results) -> None:
+    box = box_of_chart(opened, 0)
     opened.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     opened.wait_for_function("document.getElementById('now').textContent !== 'none'")
     time, place = opened.locator("#now").inner_text().split(" s: ")
@@ -81,12 +86,10 @@ def test_a_moment_in_the_series_shows_in_the_map(opened: Any, round_results: Res
 
 
 def test_all_charts_show_the_stretch_of_time_that_one_is_drawn_over(opened: Any) -> None:
-    chart = opened.locator("#series .nsewdrag").nth(2)
-    chart.scroll_into_view_if_needed()
-    box = chart.bounding_box()
+    box = box_of_chart(opened, 2)
     middle = box["y"] + box["height"] / 2
     ends = [box["x"] + share * box["width"] for share in (0.25, 0.75)]
-    whole = ranges_of_time(opened)[0]
+    whole, heard = ranges_of_time(opened)[0], hearers(opened)
     opened.mouse.move(ends[0], middle)
     opened.mouse.down()
     opened.mouse.move(ends[1], middle, steps=4)
@@ -98,6 +101,7 @@ def test_all_charts_show_the_stretch_of_time_that_one_is_drawn_over(opened: Any)
     (shown,) = {tuple(each) for each in ranges_of_time(opened)}
     low, high = (whole[0] + share * (whole[1] - whole[0]) for share in (0.25, 0.75))
     assert shown == pytest.approx((low, high), abs=0.1)
+    assert hearers(opened) == heard  # a chart that is drawn anew tells each moment once, as before
 
 
 def ranges_of_time(opened: Any) -> Any:
@@ -107,10 +111,16 @@ def ranges_of_time(opened: Any) -> Any:
     )
 
 
+def hearers(opened: Any) -> Any:
+    """How many hear of a moment that is pointed at, for each chart."""
+    return opened.evaluate(
+        "Array.from(document.querySelectorAll('#series > div'),"
+        " (chart) => chart._ev.listenerCount('plotly_hover'))"
+    )
+
+
 def test_a_moment_in_one_chart_shows_in_those_beside_it(opened: Any) -> None:
-    chart = opened.locator("#series .nsewdrag").nth(2)
-    chart.scroll_into_view_if_needed()
-    box = chart.bounding_box()
+    box = box_of_chart(opened, 2)
     opened.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     opened.wait_for_function(
         "Array.from(document.querySelectorAll('#series > div')).filter("

@@ -114,7 +114,6 @@
     });
     chart.place.on("plotly_relayout", function (event) {
       if (event["xaxis.range[0]"] !== undefined) {
-        chart.shown = null;
         look({ range: [event["xaxis.range[0]"], event["xaxis.range[1]"]] });
       } else if (event["xaxis.autorange"]) {
         look({ range: null });
