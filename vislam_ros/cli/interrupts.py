@@ -18,7 +18,8 @@ from types import FrameType
 # a SystemError.
 _CALLED_BY_COMPILED_CODE = "numba.core.serialize"
 _AGAIN_SECONDS = 0.005
-_NUMBERS = (signal.SIGINT, signal.SIGTERM)
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+"""Ctrl-C, and what a service manager sends: both mean the same."""
 
 
 def take_interrupts() -> None:
@@ -39,7 +40,9 @@ def take_interrupts() -> None:
 def held_interrupts() -> Iterator[None]:
     """Let an interrupt that comes in the block strike at its end: what it does is done whole."""
     caught: list[int] = []
-    before = {number: signal.signal(number, lambda n, _: caught.append(n)) for number in _NUMBERS}
+    before = {
+        number: signal.signal(number, lambda n, _: caught.append(n)) for number in INTERRUPTS
+    }
     try:
         yield
     finally:
@@ -91,6 +94,6 @@ def _try_again() -> None:
 
 
 def _end_quickly() -> None:
-    for number in _NUMBERS:
+    for number in INTERRUPTS:
         signal.signal(number, signal.SIG_IGN)
     gc.freeze()  # a collection frees nothing any more, and takes long with compiled code

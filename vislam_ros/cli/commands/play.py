@@ -12,6 +12,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.utilities import try_shutdown
 
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
+from vislam_ros.cli.interrupts import INTERRUPTS
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.integrity import require_intact
@@ -20,8 +21,6 @@ from vislam_ros.nodes.player.keys import RIGHT_ARROW, SPACE, watch_keys
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
 from vislam_ros.nodes.player.player import Player
 from vislam_ros.nodes.spin import init_ros
-
-_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -51,7 +50,7 @@ def _play(player: Player, bag: BagMessages, options: PlayOptions) -> PlayReport:
     def interrupt(_signal: int, _frame: FrameType | None) -> None:
         player.clock.interrupt()
 
-    before = {number: signal.signal(number, interrupt) for number in _ENDING_SIGNALS}
+    before = {number: signal.signal(number, interrupt) for number in INTERRUPTS}
     seconds = min(options.duration, bag.duration * 1e-9 - options.start_offset)
     keys = {SPACE: player.toggle, RIGHT_ARROW: player.step}
     try:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-_INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+from vislam_ros.cli.interrupts import INTERRUPTS
 
 
 @contextmanager
@@ -19,7 +19,7 @@ def interruptible() -> Iterator[None]:
         ignore_interrupts()
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in _INTERRUPTS}
+    before = {number: signal.signal(number, interrupt) for number in INTERRUPTS}
     try:
         yield
     finally:
@@ -29,5 +29,5 @@ def interruptible() -> Iterator[None]:
 
 def ignore_interrupts() -> None:
     """Let no signal of these disturb what follows."""
-    for number in _INTERRUPTS:
+    for number in INTERRUPTS:
         signal.signal(number, signal.SIG_IGN)

@@ -25,11 +25,11 @@ class Watch:
 
     Parameters
     ----------
-    children : iterable of Child, optional
+    children : iterable of Child
         The first ones.
     """
 
-    def __init__(self, children: Iterable[Child] = ()):
+    def __init__(self, children: Iterable[Child]):
         self._children = list(children)
         self._stopped: Counter[str] = Counter()
         self._failed: Child | None = None

@@ -220,11 +220,10 @@ def _foreign_types(store: Typestore) -> set[str]:
     ours, theirs = get_typestore(Stores.ROS2_JAZZY).fielddefs, store.fielddefs
     known = [name for name in theirs if name in ours]
     foreign = {name for name in known if theirs[name][1] != ours[name][1]}
-    found = bool(foreign)
-    while found:
-        made = {n for n in known if n not in foreign and foreign & set(_parts(theirs[n][1]))}
-        foreign |= made
-        found = bool(made)
+    made = foreign
+    while made:
+        made = {n for n in known if n not in foreign and made & set(_parts(theirs[n][1]))}
+        foreign = foreign | made
     return foreign
 
 
