@@ -3,7 +3,7 @@
 """Bags written anew with some of their messages changed, and drives compared bit for bit."""
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from vislam_ros.data.bags.layout import (
     TWIST,
     Topic,
 )
+from vislam_ros.data.bags.reader import read_passes
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
 
@@ -47,6 +48,17 @@ def assert_same(one: Any, other: Any) -> None:
             assert_same(own, others)
     else:
         assert one == other
+
+
+def the_drive(bag: Path, **how: Any) -> Drive:
+    """The one drive of a bag."""
+    (drive,) = read_passes(bag, **how)
+    return drive
+
+
+def as_foreign(drive: Drive, **changes: Any) -> Drive:
+    """What a bag that was written anew beside the drive's own gives back."""
+    return replace(drive, **{"name": "foreign", "notes": (), **changes})
 
 
 def rewritten(
