@@ -13,9 +13,13 @@ from numpy.typing import NDArray
 from plain_belief import Told, told_of_both
 from plain_gates import agreeing, given_others, scales_with_tails
 from plain_image_points import (
+    FOUR_ROWS,
     Complex,
     complex_step,
     homogeneous,
+    image_points_of,
+    noise_of_image_points,
+    pose_transition,
     shift,
     twist_matrix,
     warped,
@@ -35,10 +39,9 @@ from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
 
-S = 16
+S = 19
 POSE, TWIST, BIAS, LENS = slice(0, 6), slice(6, 12), slice(12, 15), 15
-# u_left, v_left, u_right and v_right of (u_left, u_right, v).
-FOUR_ROWS = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1]])
+DRIFT = slice(16, 19)
 
 
 class DenseRobocentricFilter:
@@ -75,7 +78,7 @@ class DenseRobocentricFilter:
             self.frame_rate,
         )
         self.track_noise = TrackNoise(
-            np.diag(self.image_point_noise(1.0)).copy(),
+            np.diag(noise_of_image_points(self.told_V)).copy(),
             settings.disparity_offset_std,
             self.frame_rate,
             learns=settings.learn_noise,
@@ -86,8 +89,8 @@ class DenseRobocentricFilter:
         self.judged: list[int] = []
         self.T_world_body = np.eye(4)
         bias, lens = settings.gyro_bias_std**2, settings.lens_distortion_std**2
-        prior = [settings.prior_pose_variance, 50.0**2, 2.0**2, bias, lens]
-        self.P: Array = np.diag(np.repeat(prior, [6, 3, 3, 3, 1]))
+        prior = [settings.prior_pose_variance, 50.0**2, 2.0**2, bias, lens, 0.0]
+        self.P: Array = np.diag(np.repeat(prior, [6, 3, 3, 3, 1, 3]))
         # Estimates of all but the pose; of a clone the error.
         self.estimate = np.zeros(S)
         # First rows of the landmarks that the motion warps.
@@ -133,17 +136,14 @@ class DenseRobocentricFilter:
             self.augment(np.eye(6, S), np.zeros((6, 6)), np.zeros(6))
         return rejected
 
-    def image_point_noise(self, scale: float) -> Array:
-        """Covariance (3, 3) of ``(u_left, u_right, v)`` from pixels of so many times V."""
-        return np.linalg.inv(FOUR_ROWS.T @ np.linalg.inv(scale * self.told_V) @ FOUR_ROWS)
-
-    def image_points(self, pixels: Array) -> Array:
-        """Best ``(u_left, u_right, v)`` (n, 3) of pixels (n, 4)."""
-        return pixels @ np.linalg.inv(self.told_V) @ FOUR_ROWS @ self.image_point_noise(1.0)
-
     def walk(self, tau: float) -> tuple[Array, Array]:
-        """Let twist and bias change; return the twist and its variances then."""
+        """Let twist and bias change, and vision drift; return the twist and its variances then."""
         settings = self.settings
+        self.estimate[DRIFT] = 0.0
+        self.P[DRIFT] = self.P[:, DRIFT] = 0.0
+        in_common = self.track_noise.observations_per_independent - 1
+        speed = np.linalg.norm(self.estimate[TWIST][:3])
+        self.P[DRIFT, DRIFT] = in_common * 0.13e-3**2 * speed / tau * np.eye(3)
         self.P[TWIST, TWIST] += tau * np.diag(self.motion_noise.walk_variance)
         self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
         return self.estimate[TWIST].copy(), np.diag(self.P)[TWIST].copy()
@@ -155,9 +155,14 @@ class DenseRobocentricFilter:
         R = np.diag(self.motion_noise.twist_variance[known])
         self.update(H, R, measured[known] - H @ self.estimate)
 
-    def twist_rows(self) -> Array:
+    def body_twist_rows(self) -> Array:
         H = np.zeros((6, len(self.P)))
         H[:, TWIST] = np.eye(6)
+        H[3:, DRIFT] = -np.eye(3)
+        return H
+
+    def twist_rows(self) -> Array:
+        H = self.body_twist_rows()
         H[3:, BIAS] = np.eye(3)
         return H
 
@@ -174,18 +179,11 @@ class DenseRobocentricFilter:
         y, twist = estimate[rows], estimate[TWIST]
         y_new = warped(camera, y, twist, tau)[0].real
         D, D_new = shift(camera, y).real, shift(camera, y_new).real
-        motion = se3.exp(tau * twist)
+        body_twist = self.body_twist_rows() @ estimate
+        motion = se3.exp(tau * body_twist)
         F = np.eye(len(self.P))
-
-        def pose_error(x: Complex) -> Complex:
-            E = (
-                se3.inverse(motion)
-                @ expm(twist_matrix(x[:6]))
-                @ expm(tau * twist_matrix(twist + x[6:]))
-            )
-            return np.array([E[0, 3], E[1, 3], E[2, 3], E[2, 1], E[0, 2], E[1, 0]])
-
-        F[POSE, :12] = complex_step(pose_error, np.zeros(12))
+        F[POSE, :12] = pose_transition(body_twist, tau)
+        F[POSE, DRIFT] = -F[POSE, TWIST][:, 3:]
         by_twist = complex_step(lambda u: warped(camera, y, u, tau)[0], twist)
         # The true point is y + delta + D delta_kappa, before as after.
         by_lens = complex_step(
@@ -226,7 +224,7 @@ class DenseRobocentricFilter:
         rows = self.rows_of([self.place_of_key[key] for key in keys])
         slots = np.array([self.judged.index(key) for key in keys])
         variances = noise.variances(slots, factors)
-        z = self.image_points(pixels)
+        z = image_points_of(pixels, self.told_V)
         residual = z + self.estimate[LENS] * shift(self.camera, z).real - self.estimate[rows]
         expected = noise.expected(variances, self.estimate[rows])
         pairs = zip(rows, expected, strict=True)
@@ -239,7 +237,7 @@ class DenseRobocentricFilter:
         agreed = agreeing(gate, residual[:, told], joint, np.flatnonzero(passes).tolist())
         kept = self.that_stay(gate, keys, residual[:, told], joint, agreed)
         rejected = np.delete(keys, kept).tolist()
-        R_0 = noise.level * np.outer(factors, np.diag(self.image_point_noise(1.0)))
+        R_0 = noise.level * np.outer(factors, np.diag(noise_of_image_points(self.told_V)))
         scales = variances[:, 0] / R_0[:, 0]
         if self.settings.learn_noise:
             scales = scales_with_tails(residual[:, told], joint, kept, R_0[:, told], scales)
@@ -257,14 +255,14 @@ class DenseRobocentricFilter:
         # What the numbers leave of the rows is noise alone.
         left = (pixels[kept] - z[kept] @ FOUR_ROWS.T)[:, used]
         innovation = (residual[kept][:, told] @ some_rows.T + left).ravel()
+        self.marginalize(rejected)
         if len(H):
             each = np.kron(np.eye(len(kept)), some_rows)
             S_inverse = np.linalg.inv(H @ self.P @ H.T + R)
             information = np.diag(each.T @ S_inverse @ each).copy()
-            told_of = slots[kept], residual[kept], variances[kept]
+            slots = np.array([self.judged.index(keys[k]) for k in kept])
+            told_of = slots, residual[kept], variances[kept]
             noise.update(*told_of, information, each.T @ S_inverse @ innovation)
-        self.marginalize(rejected)
-        if len(H):
             self.update(H, R, innovation)
         return rejected
 
@@ -299,7 +297,7 @@ class DenseRobocentricFilter:
         self.estimate[POSE] = 0.0
 
     def initialize(self, keys: list[int], pixels: Array, factors: Array) -> None:
-        z = self.image_points(pixels)
+        z = image_points_of(pixels, self.told_V)
         points = z + self.estimate[LENS] * shift(self.camera, z).real
         spread = np.sqrt(factors * (self.told_V[1, 1] + self.told_V[3, 3]))
         self.track_noise.initialize_level((pixels[:, 1] - pixels[:, 3]) / spread)
@@ -346,7 +344,7 @@ class DenseRobocentricFilter:
         return bool(straight[0] - straight[1] > 2 * np.sqrt(variance))
 
     def position(self, y: Array, T_world_body: Array) -> tuple[Array, Array]:
-        """World position (3,) of an image point, its derivative (3, 19) by vehicle and itself."""
+        """World position (3,) of an image point, its derivative (3, 22) by vehicle and itself."""
         D = shift(self.camera, y[None])[0].real
 
         def moved(x: Complex) -> Complex:
@@ -356,7 +354,7 @@ class DenseRobocentricFilter:
         return moved(np.zeros(S + 3)).real, complex_step(moved, np.zeros(S + 3))
 
     def active_rows(self, keys: list[int]) -> NDArray[np.int64]:
-        """Rows (16 + 3 n,) of the vehicle state and these landmarks."""
+        """Rows (19 + 3 n,) of the vehicle state and these landmarks."""
         landmarks = self.rows_of([self.place_of_key[key] for key in keys])
         return np.concatenate([np.arange(S), landmarks.ravel()])
 
@@ -367,7 +365,11 @@ class DenseRobocentricFilter:
 
     def told(self) -> Told:
         """Weigh bias and none."""
-        return told_of_both(self.P, BIAS, self.estimate[BIAS], self.settings.gyro_bias_std**2)
+        prior, temper = (
+            self.settings.gyro_bias_std**2,
+            self.track_noise.observations_per_independent,
+        )
+        return told_of_both(self.P, BIAS, self.estimate[BIAS], prior, temper)
 
     def told_pose(self, told: Told) -> Array:
         return self.T_world_body @ se3.exp(told.mean[POSE])

@@ -32,15 +32,15 @@ class Told(NamedTuple):
     within: Array
 
 
-def told_of_both(P: Array, rows: slice, b: Array, prior_variance: float) -> Told:
+def told_of_both(P: Array, rows: slice, b: Array, prior_variance: float, temper: float) -> Told:
     """Weigh the belief in a bias, of which b (3,) and P (D, D) are known, against that in none."""
     if prior_variance == 0:
         return Told(0.0, np.zeros(len(P)), P, P)
     zero, prior, P_bb = np.zeros(3), prior_variance * np.eye(3), P[rows, rows]
-    # The data's own information, of which a tenth counts.
+    # The data's own information, of which one part in so many counts.
     information = np.linalg.inv(P_bb) - np.linalg.inv(prior)
-    P_counted = np.linalg.inv(np.linalg.inv(prior) + information / 10)
-    b_counted = P_counted @ np.linalg.inv(P_bb) @ b / 10
+    P_counted = np.linalg.inv(np.linalg.inv(prior) + information / temper)
+    b_counted = P_counted @ np.linalg.inv(P_bb) @ b / temper
     after = multivariate_normal(b_counted, P_counted).logpdf(zero)
     before = multivariate_normal(zero, prior).logpdf(zero)
     none = float(expit(after - before))

@@ -18,6 +18,19 @@ Array = NDArray[np.float64]
 # Real or complex.
 Complex = NDArray[Any]
 
+# u_left, v_left, u_right and v_right of (u_left, u_right, v).
+FOUR_ROWS = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1]])
+
+
+def noise_of_image_points(V: Array) -> Array:
+    """Covariance (3, 3) of ``(u_left, u_right, v)`` from pixels with a noise of V (4, 4)."""
+    return np.linalg.inv(FOUR_ROWS.T @ np.linalg.inv(V) @ FOUR_ROWS)
+
+
+def image_points_of(pixels: Array, V: Array) -> Array:
+    """Best ``(u_left, u_right, v)`` (n, 3) of pixels (n, 4) with a noise of V (4, 4)."""
+    return pixels @ np.linalg.inv(V) @ FOUR_ROWS @ noise_of_image_points(V)
+
 
 def twist_matrix(xi: Complex) -> Complex:
     """Matrix (4, 4) of ``[rho; theta]`` in se(3)."""
@@ -78,3 +91,14 @@ def complex_step(f: Callable[[Complex], Complex], x: Array) -> Array:
     h = 1e-30
     steps = 1j * h * np.eye(len(x))
     return np.stack([f(x + step).imag / h for step in steps], axis=-1)
+
+
+def pose_transition(twist: Array, tau: float) -> Array:
+    """Derivative (6, 12) of the pose's error after tau seconds by that before and the twist's."""
+    back = np.linalg.inv(expm(tau * twist_matrix(twist)))
+
+    def error(x: Complex) -> Complex:
+        E = back @ expm(twist_matrix(x[:6])) @ expm(tau * twist_matrix(twist + x[6:]))
+        return np.array([E[0, 3], E[1, 3], E[2, 3], E[2, 1], E[0, 2], E[1, 0]])
+
+    return complex_step(error, np.zeros(12))

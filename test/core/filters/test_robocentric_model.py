@@ -14,6 +14,7 @@ from vislam_ros.core.geometry.warp import warp
 Array = NDArray[np.float64]
 
 TWIST = np.array([8.0, 0.4, -0.2, 0.02, -0.05, 0.3])
+VEHICLE = model.Vehicle(twist=TWIST, drift=np.array([0.05, -0.02, 0.1]))
 SECONDS = 0.1
 
 
@@ -21,48 +22,66 @@ def test_the_transition_is_the_motions_derivative_by_finite_differences() -> Non
     rng = np.random.default_rng(71)
     left = rng.uniform([300, 100], [900, 250], (2, 2))
     y = np.column_stack([left[:, 0], left[:, 0] - rng.uniform(5, 30, 2), left[:, 1]])
-    motion = se3.exp(SECONDS * TWIST)
-    warped = warp(CAMERA, y, motion)
+    warped = warp(CAMERA, y, se3.exp(SECONDS * TWIST))
     D, D_new = radial_shift(CAMERA, y), radial_shift(CAMERA, warped.y)
 
     def error_after(error: Array) -> Array:
-        true_twist, kappa = TWIST + error[model.TWIST], error[model.LENS]
-        moved = se3.exp(error[model.POSE]) @ se3.exp(SECONDS * true_twist)
+        true = VEHICLE.shifted(error[: model.SIZE])
+        true_twist, kappa = true.twist, error[model.LENS]
+        moved = true.moved(SECONDS).T_world_body
         true_y = y + error[model.SIZE :].reshape(2, 3) + kappa * D
         seen = warp(CAMERA, true_y, se3.exp(SECONDS * true_twist)).y
         after = error.copy()
+        motion = VEHICLE.moved(SECONDS).T_world_body
         after[model.POSE] = se3.log(se3.inverse(motion) @ moved)
         after[model.SIZE :] = (seen - warped.y - kappa * D_new).ravel()
         return after
 
-    transition = model.transition_of(CAMERA, y, warped, motion, TWIST, SECONDS)
-    F = np.zeros((22, 22))
+    transition = model.transition_of(CAMERA, y, warped, VEHICLE, SECONDS)
+    F = np.zeros((25, 25))
     F[: model.SIZE, : model.SIZE] = transition.vehicle
     for i in range(2):
         own = slice(model.SIZE + 3 * i, model.SIZE + 3 * i + 3)
         F[own, own] = transition.landmarks[i]
         F[own, 6 : model.SIZE] = transition.coupling[i]
-    assert_allclose(F, difference(error_after, np.zeros(22)), rtol=1e-5, atol=1e-5)
+    assert_allclose(F, difference(error_after, np.zeros(25)), rtol=1e-5, atol=1e-5)
 
 
-def test_a_measured_twist_tells_twist_and_bias() -> None:
-    measured = TWIST + 0.1
+def test_a_measured_twist_tells_the_bodys_twist_and_the_bias() -> None:
+    measured = VEHICLE.body_twist + 0.1
+    given = measured.copy()
 
     def error(state: Array) -> Array:
-        return model.twist_error(measured, TWIST + state[model.TWIST], state[model.GYRO_BIAS])
+        return model.twist_error(measured, VEHICLE.shifted(state))
 
     at_zero = np.zeros(model.SIZE)
     assert_allclose(error(at_zero), 0.1)
     assert_allclose(model.TWIST_ROWS, -difference(error, at_zero), atol=1e-8)
     # The measured twist is the caller's.
-    assert_allclose(measured, TWIST + 0.1)
+    assert_allclose(measured, given)
+    by_state = difference(lambda state: VEHICLE.shifted(state).body_twist, at_zero)
+    assert_allclose(model.BODY_TWIST_ROWS, by_state, atol=1e-8)
 
 
 def test_of_what_is_known_at_the_start_the_bias_walks_and_all_is_uncertain() -> None:
     settings = RobocentricSettings(prior_pose_variance=0.5, gyro_bias_walk_std=0.2)
-    expected = [0.0] * 12 + [0.04] * 3 + [0.0]
-    assert_allclose(model.walk_densities(settings), expected)
+    walk = model.random_walk(settings, np.arange(1.0, 7.0), 0.0, SECONDS)
+    expected = [0.0] * 6 + [1.0, 2.0, 3.0, 4.0, 5.0, 6.0] + [0.04] * 3 + [0.0] * 4
+    assert_allclose(walk.noise, SECONDS * np.diag(expected))
     prior = np.diag(model.prior_covariance(settings))
     assert_allclose(prior[model.POSE], 0.5)
     assert prior[model.LENS] == settings.lens_distortion_std**2
-    assert np.all(prior > 0)
+    assert_allclose(prior[model.DRIFT], 0.0)
+    assert np.all(prior[: model.LENS + 1] > 0)
+
+
+def test_vision_drifts_with_the_way_however_it_is_cut_into_steps() -> None:
+    """The variance of the angle over 12 m is the same in 3 steps and in 30."""
+
+    def angle_variance(steps: int) -> float:
+        tau = 1.2 / steps
+        walk = model.random_walk(RobocentricSettings(), np.zeros(6), 10.0, tau)
+        return steps * tau**2 * float(walk.noise[model.DRIFT, model.DRIFT][0, 0])
+
+    assert_allclose(angle_variance(3), angle_variance(30))
+    assert_allclose(angle_variance(30) ** 0.5, 0.13e-3 * 12.0**0.5)

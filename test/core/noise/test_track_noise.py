@@ -274,6 +274,24 @@ def test_five_thousand_errors_are_remembered() -> None:
         assert noise.has_offsets is (times == 36)
 
 
+def test_where_errors_are_white_each_observation_tells_something_of_its_own() -> None:
+    noise = track_noise()
+    assert 8.0 < noise.observations_per_independent < 10.0  # until it is seen
+    noise.add(100)
+    rng = np.random.default_rng(27)
+    for _ in range(60):
+        error = rng.standard_normal(100)
+        update(noise, np.column_stack([error, np.zeros((100, 2))]))
+    assert_allclose(noise.observations_per_independent, 1.0, atol=0.2)
+
+
+def test_where_errors_stay_ten_observations_tell_as_much_as_one() -> None:
+    noise = track_noise()
+    stays(noise, 1.0, 1.0, 100)
+    assert noise.has_offsets
+    assert noise.observations_per_independent == 10.0
+
+
 def scales_with_tails(
     noise: TrackNoise, residual: Array, S: Array, own: Array
 ) -> tuple[Array, Array]:

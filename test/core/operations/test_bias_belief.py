@@ -1,6 +1,5 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from plain_belief import told_of_both
 from scipy.special import expit
 from scipy.stats import multivariate_normal
 
-from vislam_ros.core.operations import bias_belief as module
 from vislam_ros.core.operations.bias_belief import BiasBelief, bias_belief
 from vislam_ros.core.operations.error_state import ErrorState
 
@@ -30,8 +28,8 @@ def state(seed: int, bias_std: float = 0.005) -> Array:
     return scale[:, None] * P * scale
 
 
-def belief_of(P: Array, bias: Array) -> BiasBelief:
-    return bias_belief(P, ROWS, bias, PRIOR_STD**2)
+def belief_of(P: Array, bias: Array, temper: float = 10.0) -> BiasBelief:
+    return bias_belief(P, ROWS, bias, PRIOR_STD**2, temper=temper)
 
 
 def half_and_half(P: Array) -> tuple[BiasBelief, Array]:
@@ -51,14 +49,13 @@ def log_ratio(bias: Array, P_bb: Array) -> float:
 
 @pytest.mark.parametrize("size", [0.0, 0.002, 0.01])
 def test_untempered_the_odds_are_the_bias_density_at_zero_after_the_data_over_before(
-    size: float, monkeypatch: pytest.MonkeyPatch
+    size: float,
 ) -> None:
-    monkeypatch.setattr(module, "_TEMPER", 1.0)
     P, bias = state(81), size * np.array([0.6, -0.3, 1.0])
-    assert_allclose(belief_of(P, bias).none, expit(log_ratio(bias, P[ROWS, ROWS])), rtol=1e-9)
+    assert_allclose(belief_of(P, bias, 1.0).none, expit(log_ratio(bias, P[ROWS, ROWS])), rtol=1e-9)
 
 
-def test_the_datas_information_counts_as_a_tenth_of_itself() -> None:
+def test_tempered_by_ten_the_datas_information_counts_as_a_tenth_of_itself() -> None:
     P, bias = state(82), np.array([0.004, -0.002, 0.006])
     prior = np.eye(3) / PRIOR_STD**2
     information = np.linalg.inv(P[ROWS, ROWS])
@@ -86,7 +83,7 @@ def test_mean_and_covariance_are_those_of_the_mixture_by_the_textbook() -> None:
     P = state(83)
     belief, bias = half_and_half(P)
     assert 0.3 < belief.none < 0.5
-    told = told_of_both(P, ROWS, bias, PRIOR_STD**2)
+    told = told_of_both(P, ROWS, bias, PRIOR_STD**2, 10.0)
     everything = slice(None)
     assert_allclose(belief.none, told.none, rtol=1e-9)
     assert_allclose(belief.delta, told.mean, atol=1e-12)
@@ -103,7 +100,7 @@ def test_what_is_told_of_the_bias_is_no_surer_than_the_two_beliefs_are_near() ->
         assert_allclose(belief.bias_std**2, P.diagonal()[ROWS] + (told - bias) ** 2)
 
 
-def test_certain_of_none_all_is_conditioned_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_certain_of_none_all_is_conditioned_on_it() -> None:
     P, bias = state(84), np.array([1e-4, 0.0, 0.0])
     belief = belief_of(P, bias)._replace(none=1.0)
     change = change_of(belief, slice(None), slice(None))
@@ -133,7 +130,7 @@ def test_to_the_way_back_it_is_a_correction_with_the_same_mean_and_no_spread() -
     assert correction is not None
     state_ = ErrorState(P, SIZE)
     assert_allclose(state_.apply(correction).delta, belief.delta, rtol=1e-9, atol=1e-12)
-    told = told_of_both(P, ROWS, bias, PRIOR_STD**2)
+    told = told_of_both(P, ROWS, bias, PRIOR_STD**2, 10.0)
     assert_allclose(state_.covariance, told.within, rtol=0, atol=1e-9)
 
 
@@ -146,7 +143,7 @@ def test_a_belief_in_a_bias_alone_is_no_correction() -> None:
 def test_where_there_is_no_bias_to_weigh_nothing_is_weighed() -> None:
     P = state(88)
     P[ROWS] = P[:, ROWS] = 0.0
-    belief = bias_belief(P, ROWS, np.zeros(3), 0.0)
+    belief = bias_belief(P, ROWS, np.zeros(3), 0.0, temper=10.0)
     assert belief.none == 0.0
     assert_allclose(belief.delta, np.zeros(12))
     assert_allclose(change_of(belief, slice(None), slice(None)), np.zeros((12, 12)))
@@ -162,7 +159,7 @@ def drawn(bias: float, noise_std: float, draws: int) -> Array:
     for _ in range(draws):
         measured = bias + noise_std * rng.standard_normal(3)
         estimate = variance / noise_std**2 * measured
-        shares.append(bias_belief(P, slice(0, 3), estimate, PRIOR_STD**2).none)
+        shares.append(bias_belief(P, slice(0, 3), estimate, PRIOR_STD**2, temper=10.0).none)
     return np.array(shares)
 
 
@@ -175,8 +172,7 @@ def test_of_drives_with_a_clear_bias_none_is_taken_for_one_without() -> None:
     assert np.max(drawn(0.02, 0.001, 300)) < 1e-3
 
 
-def test_the_odds_are_right_where_nothing_is_tempered(monkeypatch: Any) -> None:
-    monkeypatch.setattr(module, "_TEMPER", 1.0)
+def test_the_odds_are_right_where_nothing_is_tempered() -> None:
     rng = np.random.default_rng(90)
     noise_std = 0.01
     P = np.eye(3) / (1 / PRIOR_STD**2 + 1 / noise_std**2)
@@ -184,7 +180,7 @@ def test_the_odds_are_right_where_nothing_is_tempered(monkeypatch: Any) -> None:
     for without in none:
         bias = np.zeros(3) if without else PRIOR_STD * rng.standard_normal(3)
         estimate = P @ (bias + noise_std * rng.standard_normal(3)) / noise_std**2
-        shares.append(bias_belief(P, slice(0, 3), estimate, PRIOR_STD**2).none)
+        shares.append(bias_belief(P, slice(0, 3), estimate, PRIOR_STD**2, temper=1.0).none)
     # Of those with a belief of so much, so many have none.
     for low in np.arange(0.1, 0.9, 0.2):
         chosen = (np.array(shares) >= low) & (np.array(shares) < low + 0.2)

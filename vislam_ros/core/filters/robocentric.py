@@ -5,8 +5,7 @@
 A landmark is its image point ``y = (u_left, u_right, v)`` in the current left camera. Its first
 observation is itself the landmark's estimate, its noise the landmark's covariance, and it depends
 on nothing else: initializing is exact. Observing is linear. The one nonlinearity is the warp over
-a step (see warp), which is mild at every depth and for every disparity, zero and negative ones
-included.
+a step, which is mild at every depth and disparity, zero and negative ones included (see warp).
 
 Image points are kept free of the lens's distortion, observations are freed of it by the present
 kappa, and a landmark's error is the one that remains at a given kappa: ``y = y_hat + delta_y +
@@ -18,16 +17,15 @@ taken sample by sample, and where samples are missing, 3 is left out:
 
 1. Landmarks whose track has ended are marginalized, and enter the map where they have a position.
 2. The vehicle state takes a random step, ``P <- P + Q``: above all the twist u (white acceleration
-   noise), which now stands for the constant twist of this step.
-3. The prediction's mean twist over this step measures it.
-4. The body moves, ``T <- T Exp(tau u)``, and every landmark is warped by the same motion, ``P <- F
-   P F^T``. No noise enters here: all of it is in u, whose correlation with pose and landmarks is
-   kept. Landmarks that are behind the camera now are marginalized before.
+   noise), which now stands for the constant twist of this step, and the drift of vision in it.
+3. The prediction's mean twist over this step measures the body's.
+4. The body moves, and landmarks are warped by the same and the drift, ``P <- F P F^T``: all noise
+   is in the vehicle state already. Those that come behind the camera are marginalized before.
 5. The frame's image points correct everything, but for those that gates reject, of a frame or of
    all of a track's together; the landmarks of these are marginalized before. What is far off for
    its track counts for less.
 6. The noise of the motion is learned from what vision has seen of it. Where most of a frame was
-   rejected, it is the motion that is wrong: what is known of the twist goes, as at the start.
+   rejected, it is the motion that is wrong: the twist is doubted.
 7. Landmarks seen for the first time are initialized.
 8. Bias and none are weighed against each other; what is told is their mean (see bias_belief).
 
@@ -53,6 +51,8 @@ from vislam_ros.core.filters.image_point_map import (
 )
 from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.filters.robocentric_model import (
+    BODY_TWIST_ROWS,
+    FORGET_DRIFT,
     GYRO_BIAS,
     LENS,
     POSE,
@@ -60,14 +60,16 @@ from vislam_ros.core.filters.robocentric_model import (
     SIZE,
     TWIST,
     TWIST_ROWS,
+    Vehicle,
     doubt_of_twist,
     learn_motion,
     motion_priors,
+    motions_of,
     prior_covariance,
+    random_walk,
     track_priors,
     transition_of,
     twist_error,
-    walk_densities,
 )
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
@@ -87,19 +89,16 @@ from vislam_ros.core.operations.direct_correction import DirectCorrection, corre
 from vislam_ros.core.operations.error_state import ErrorState, Operation, Recorder, Result
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
-from vislam_ros.core.operations.transition import RandomWalk
+from vislam_ros.core.operations.transition import RandomWalk, VehicleTransition
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracking.tracks import indices_of, is_member
 
 Array = NDArray[np.float64]
 Slots = NDArray[np.int64]
 
-# Nothing moves in less than this, and no twist can be had from it [s].
-_SHORTEST_STEP = 1e-4
-
 
 class RobocentricFilter:
-    """EKF over ``[xi; delta u; delta b; delta kappa; delta y_1; ...; delta y_n]``.
+    """EKF over ``[xi; delta u; delta b; delta kappa; delta w; delta y_1; ...; delta y_n]``.
 
     What it keeps is given a bias; an outcome, and the map, are the mean of that and of none.
 
@@ -112,13 +111,8 @@ class RobocentricFilter:
 
     Attributes
     ----------
-    T_world_body : ndarray, (4, 4)
-    twist : ndarray, (6,)
-        ``[v; omega]`` of the body over the last step, metres and radians a second.
-    gyro_bias : ndarray, (3,)
-        Radians a second.
-    kappa : float
-        What rectification has left of the lens's radial distortion (see lens).
+    vehicle : Vehicle
+        Pose, twist, bias, lens and drift of vision.
     keys : ndarray of int64, (n,)
         The active landmarks.
     image_points : ndarray, (n, 3)
@@ -137,12 +131,10 @@ class RobocentricFilter:
         priors = track_priors(settings, self._observation)
         self._track_noise = TrackNoise(*priors, self._frame_rate, learns=settings.learn_noise)
         self._track_runs = TrackRuns()
-        self._walk_densities = walk_densities(settings)
         self._state = ErrorState(prior_covariance(settings), SIZE, tape)
         self._marginalized = ImagePointMap(camera)
         self._believed: BiasBelief | None = None  # of the present state
-        self.T_world_body = np.eye(4)
-        self.twist, self.gyro_bias, self.kappa = np.zeros(6), np.zeros(3), 0.0
+        self.vehicle = Vehicle()
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.image_points: Array = np.empty((0, 3))
 
@@ -150,15 +142,23 @@ class RobocentricFilter:
         """Take other settings; noise that is told anew is learned from there."""
         self._settings = settings
         self._observation = StereoObservation(self._camera, settings.pixel_variance)
-        self._walk_densities = walk_densities(settings)
         self._motion_noise.tell(*motion_priors(settings))
-        priors = track_priors(settings, self._observation)
-        self._track_noise.tell(*priors, learns=settings.learn_noise)
+        tracks = track_priors(settings, self._observation)
+        self._track_noise.tell(*tracks, learns=settings.learn_noise)
 
     @property
     def covariance(self) -> Array:
-        """Covariance (16 + 3 n, 16 + 3 n) of the error state."""
+        """Covariance (19 + 3 n, 19 + 3 n) of the error state."""
         return self._state.covariance
+
+    @property
+    def T_world_body(self) -> Array:
+        """Pose (4, 4)."""
+        return self.vehicle.T_world_body
+
+    @T_world_body.setter
+    def T_world_body(self, T_world_body: Array) -> None:
+        self.vehicle = replace(self.vehicle, T_world_body=T_world_body)
 
     @property
     def pose_covariance(self) -> Array:
@@ -179,13 +179,13 @@ class RobocentricFilter:
         """Take a step, in the order of the text above."""
         behind_camera = self.keys[:0]
         self._marginalize(is_member(self.keys, frame.ended))
-        parts = [part for part in increment.parts if part.duration > _SHORTEST_STEP]
+        parts = motions_of(increment)
         if parts:
             self._frame_rate.add(increment.duration)
         for tau, measured in parts:
             before = self._walk(tau)
             if measured is not None:
-                self._measure_twist(measured, tau)
+                self._measure_twist(measured)
             behind_camera = np.concatenate([behind_camera, self._move(tau)])
         slots = indices_of(frame.keys, self.keys)
         known = slots >= 0
@@ -197,12 +197,11 @@ class RobocentricFilter:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             self._marginalize(is_member(self.keys, frame.keys))
             outcome = Outcome(rejected=frame.keys[known])
+        P = self._state.vehicle_covariance
         if self._settings.learn_noise and parts and measured is not None and outcome.used:
-            P = self._state.vehicle_covariance
-            error = twist_error(measured, self.twist, self.gyro_bias)
-            learn_motion(self._motion_noise, before, self.twist, P, error, tau)
+            learn_motion(self._motion_noise, before, self.vehicle, P, measured, tau)
         if outcome.is_contradicted:
-            self._apply(RandomWalk(doubt_of_twist(self._state.vehicle_covariance)))
+            self._apply(RandomWalk(doubt_of_twist(P)))
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)
@@ -210,15 +209,15 @@ class RobocentricFilter:
         belief = self._belief()
         last = belief.as_correction(GYRO_BIAS, SIZE) if self._state.is_recorded else None
         self._state.end_step(self.T_world_body, last)
-        delta, gain = belief.delta, belief.gain[:SIZE]
+        told, gain = self.vehicle.shifted(belief.delta), belief.gain[:SIZE]
         P = self.covariance[:SIZE, :SIZE] + gain @ belief.spread @ gain.T
         return replace(
             outcome,
             admitted=int(np.count_nonzero(new)),
             rejected=np.concatenate([outcome.rejected, frame.keys[contradicted]]),
-            pose=Pose(self.T_world_body @ se3.exp(delta[POSE]), P[POSE, POSE].copy()),
-            twist=Twist(self.twist + delta[TWIST], P[TWIST, TWIST].copy()),
-            estimates=self._estimates(belief, P.diagonal()),
+            pose=Pose(told.T_world_body, P[POSE, POSE].copy()),
+            twist=Twist(told.body_twist, BODY_TWIST_ROWS @ P @ BODY_TWIST_ROWS.T),
+            estimates=self._estimates(told, belief.bias_std, P[LENS, LENS]),
         )
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
@@ -250,30 +249,31 @@ class RobocentricFilter:
 
     def _walk(self, tau: float) -> tuple[Array, Array]:
         """``P <- P + Q``; return the twist (6,) and its variances (6,) as they stand then."""
-        self._walk_densities[TWIST] = self._motion_noise.walk_variance
-        self._apply(RandomWalk(np.diag(tau * self._walk_densities)))
-        return self.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
+        drifting = (self._track_noise.observations_per_independent - 1.0) * self.vehicle.speed
+        self._apply(VehicleTransition(FORGET_DRIFT))
+        self._apply(random_walk(self._settings, self._motion_noise.walk_variance, drifting, tau))
+        self.vehicle = replace(self.vehicle, drift=np.zeros(3))
+        return self.vehicle.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
 
-    def _measure_twist(self, measured: Array, tau: float) -> None:
-        """Correct by the prediction's mean twist (6,) over tau seconds, or what there is of it."""
+    def _measure_twist(self, measured: Array) -> None:
+        """Correct by the prediction's mean twist (6,), or what there is of it."""
         self._motion_noise.add(measured)
         self._twist_variance = self._motion_noise.twist_variance
-        error = twist_error(measured, self.twist, self.gyro_bias)
+        error = twist_error(measured, self.vehicle)
         R, known = self._twist_variance, slice(0 if measures_velocity(measured) else 3, 6)
         correction = VehicleCorrection(error[known], R[known], TWIST_ROWS[known])
         self._shift(self._apply(correction).delta)
 
     def _move(self, tau: float) -> Keys:
         """Move the body and warp every landmark; return the keys of those behind the camera."""
-        motion = se3.exp(tau * self.twist)
+        motion = se3.exp(tau * self.vehicle.twist)
         warped = warp(self._camera, self.image_points, motion)
         behind_camera = self.keys[~warped.ahead]
         if len(behind_camera):
             self._marginalize(~warped.ahead)
             warped = warp(self._camera, self.image_points, motion)
-        y = self.image_points
-        self._apply(transition_of(self._camera, y, warped, motion, self.twist, tau))
-        self.T_world_body = self.T_world_body @ motion
+        self._apply(transition_of(self._camera, self.image_points, warped, self.vehicle, tau))
+        self.vehicle = self.vehicle.moved(tau)
         self.image_points = warped.y
         return behind_camera
 
@@ -339,17 +339,14 @@ class RobocentricFilter:
 
     def _shift(self, delta: Array) -> None:
         """Move the estimate by an error (D,)."""
-        self.T_world_body = self.T_world_body @ se3.exp(delta[POSE])
-        self.twist = self.twist + delta[TWIST]
-        self.gyro_bias = self.gyro_bias + delta[GYRO_BIAS]
-        self.kappa += float(delta[LENS])
+        self.vehicle = self.vehicle.shifted(delta)
         shift = delta[LENS] * radial_shift(self._camera, self.image_points)
         self.image_points = self.image_points + (delta[SIZE:].reshape(-1, 3) + shift)
 
     def _straight(self, pixels: Array) -> Array:
         """Observed image points (n, 3), freed of distortion."""
         y = self._observation.image_points(pixels)
-        return y + self.kappa * radial_shift(self._camera, y)
+        return y + self.vehicle.kappa * radial_shift(self._camera, y)
 
     def _image_points_of(self, slots: Slots) -> ImagePoints:
         P = self._state.covariance
@@ -368,18 +365,21 @@ class RobocentricFilter:
     def _belief(self) -> BiasBelief:
         if self._believed is None:
             prior = self._settings.gyro_bias_std**2
-            self._believed = bias_belief(self.covariance, GYRO_BIAS, self.gyro_bias, prior)
+            bias, temper = self.vehicle.gyro_bias, self._track_noise.observations_per_independent
+            self._believed = bias_belief(self.covariance, GYRO_BIAS, bias, prior, temper=temper)
         return self._believed
 
     def _has_position(self) -> NDArray[np.bool_]:
         return has_position(self.image_points, self._state.landmark_covariances())
 
-    def _estimates(self, belief: BiasBelief, variances: Array) -> tuple[Estimate, ...]:
-        """What else is in the vehicle's state (16,), and the noise as it is learned."""
-        delta, level = belief.delta, self._track_noise.level * self._track_noise.usual_factor
+    def _estimates(
+        self, told: Vehicle, bias_std: Array, lens_variance: float
+    ) -> tuple[Estimate, ...]:
+        """What else is in the vehicle's state, and the noise as it is learned."""
+        level = self._track_noise.level * self._track_noise.usual_factor
         values: tuple[tuple[ArrayLike, ArrayLike], ...] = (
-            (self.gyro_bias + delta[GYRO_BIAS], belief.bias_std),
-            (self.kappa + float(delta[LENS]), max(variances[LENS], 0.0) ** 0.5),
+            (told.gyro_bias, bias_std),
+            (told.kappa, max(lens_variance, 0.0) ** 0.5),
             ((level * sum(self._settings.pixel_variance) / 4) ** 0.5, ()),
             (self._twist_variance[0] ** 0.5, ()),
             (self._twist_variance[3] ** 0.5, ()),

@@ -4,27 +4,39 @@
 
 The state, its random walk and what is observed are ::
 
-    state  T, u, b, kappa, y_1 ... y_n: pose, twist, gyroscope's bias, lens, landmarks;
-           T = T_hat Exp(xi), all other errors are differences
-    Q      tau blkdiag(0, W_u, W_b, 0), a random walk of u and of the bias alone
-    F      [ Ad(Exp(-tau u))  tau J_r      0  0                0           ]  xi
-           [ 0                I            0  0                0           ]  delta_u
-           [ 0                0            I  0                0           ]  delta_b
-           [ 0                0            0  1                0           ]  delta_kappa
-           [ 0                tau G_i J_r  0  F_i D_i - D_i+   blkdiag F_i ]  delta_y_i
-    h, H   of the twist: [v; omega + b], [0 I B 0 0]; of the image: y, [0 I]
+    state  T, u, b, kappa, w, y_1 ... y_n: pose, twist, gyroscope's bias, lens, drift of vision,
+           landmarks; T = T_hat Exp(xi), all other errors are differences
+    Q      blkdiag(0, tau W_u, tau W_b, 0, W_w), what u and b change by, and a new w
+    F      [ Ad(Exp(-tau u'))  tau J_r'     0  0               -tau J_r' B  0        ]  xi
+           [ 0                 I            0  0               0            0        ]  delta_u
+           [ 0                 0            I  0               0            0        ]  delta_b
+           [ 0                 0            0  1               0            0        ]  delta_kappa
+           [ 0                 0            0  0               I            0        ]  delta_w
+           [ 0                 tau G_i J_r  0  F_i D_i - D_i+  0            blkd F_i ]  delta_y_i
+    h, H   of the twist: u' + B b, [0 I B 0 -B 0]; of the image: y, [0 I]
 
-*Twist.* The prediction's mean twist over a step is ``z = [v; omega + b_g] + n``.
+with ``B = [0; I]`` and ``u' = u - B w``.
 
-*Motion.* With ``T <- T Exp(tau u)`` and ``y <- w(y, Exp(tau u))`` the errors go over by ::
+*Twist.* Image points move by u, the body by u', and the prediction's mean twist over a step is
+``z = u' + B b + n``.
 
-    pose      Ad(Exp(-tau u)) xi + tau J_r delta_u
+*Drift of vision.* Errors that stay, those of lens and rig, turn the motion that images tell by a
+little: a walk of the angle with the way, with a w of its own for each step of ``|v| tau`` metres,
+``W_w = q |v| / tau``. Where kappa observations tell as much as an independent one (see
+track_noise), q is ``kappa - 1`` parts of what it is for two: none where errors are white.
+
+*Motion.* With ``T <- T Exp(tau u')`` and ``y <- w(y, Exp(tau u))`` the errors go over by ::
+
+    pose      Ad(Exp(-tau u')) xi + tau J_r' (delta_u - B delta_w)
     landmark  F_y delta_y + tau G J_r delta_u + (F_y D(y) - D(y+)) delta_kappa
 
-where J_r is the right Jacobian at ``tau u``, F_y and G are those of the warp, and D is the shift
-of the lens, which a landmark's error is kept apart from (see lens). The pose's part is the
-report's eq. 13 and 52, with the twist in the state.
+where J_r and J_r' are the right Jacobians at ``tau u`` and ``tau u'``, F_y and G are those of the
+warp, and D is the shift of the lens, which a landmark's error is kept apart from (see lens). The
+pose's part is the report's eq. 13 and 52, with the twist in the state.
 """
+
+import math
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,41 +48,110 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import Warp
-from vislam_ros.core.motion import FIRST_TWIST_STD
+from vislam_ros.core.motion import FIRST_TWIST_STD, Increment, Part
 from vislam_ros.core.noise.motion_noise import MotionNoise
-from vislam_ros.core.operations.transition import Transition
+from vislam_ros.core.operations.transition import RandomWalk, Transition
 
 Array = NDArray[np.float64]
 
-# The vehicle state: pose [rho; theta], twist [v; omega], gyroscope bias, lens.
+# The vehicle state: pose [rho; theta], twist [v; omega], gyroscope bias, lens, drift of vision.
 POSE, TWIST, GYRO_BIAS = slice(0, 6), slice(6, 12), slice(12, 15)
 LENS = 15
-SIZE = 16
+DRIFT = slice(16, 19)
+SIZE = 19
 
 # What a landmark's position in the world depends on besides its image point: pose and lens.
 POSE_AND_LENS = np.array([0, 1, 2, 3, 4, 5, LENS])
 
-#: Derivative (6, 16) of the measured twist by the vehicle state.
-TWIST_ROWS: Array = np.zeros((6, SIZE))
-TWIST_ROWS[:, TWIST] = np.eye(6)
+#: Derivative (6, 19) of the body's twist by the vehicle state, and of that which is measured.
+BODY_TWIST_ROWS: Array = np.zeros((6, SIZE))
+BODY_TWIST_ROWS[:, TWIST] = np.eye(6)
+BODY_TWIST_ROWS[3:, DRIFT] = -np.eye(3)
+TWIST_ROWS: Array = BODY_TWIST_ROWS.copy()
 TWIST_ROWS[3:, GYRO_BIAS] = np.eye(3)
 
+#: A drift is that of one step: at the next it begins anew.
+FORGET_DRIFT: Array = np.eye(SIZE)
+FORGET_DRIFT[DRIFT, DRIFT] = 0.0
+
+# By how much vision turns over a metre where two observations tell as much as one [rad].
+_DRIFT = 0.13e-3
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The estimate of the vehicle's state.
+
+    Attributes
+    ----------
+    T_world_body : ndarray, (4, 4)
+    twist : ndarray, (6,)
+        ``[v; omega]`` by which image points moved in the last step, metres and radians a second.
+    gyro_bias : ndarray, (3,)
+        Radians a second.
+    kappa : float
+        What rectification has left of the lens's radial distortion (see lens).
+    drift : ndarray, (3,)
+        By how much images turned faster than the body in the last step, radians a second.
+    """
+
+    T_world_body: Array = field(default_factory=lambda: np.eye(4))
+    twist: Array = field(default_factory=lambda: np.zeros(6))
+    gyro_bias: Array = field(default_factory=lambda: np.zeros(3))
+    kappa: float = 0.0
+    drift: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def speed(self) -> float:
+        """Metres a second."""
+        return math.hypot(*self.twist[:3])
+
+    @property
+    def body_twist(self) -> Array:
+        """``[v; omega]`` (6,) of the body over the last step, metres and radians a second."""
+        twist = self.twist.copy()
+        twist[3:] -= self.drift
+        return twist
+
+    def shifted(self, delta: Array) -> "Vehicle":
+        """Return what it is after an error (19,) is taken out."""
+        return Vehicle(
+            self.T_world_body @ se3.exp(delta[POSE]),
+            self.twist + delta[TWIST],
+            self.gyro_bias + delta[GYRO_BIAS],
+            self.kappa + float(delta[LENS]),
+            self.drift + delta[DRIFT],
+        )
+
+    def moved(self, tau: float) -> "Vehicle":
+        """Return where it is tau seconds later."""
+        return replace(self, T_world_body=self.T_world_body @ se3.exp(tau * self.body_twist))
+
+
+# Nothing moves in less than this, and no twist can be had from it [s].
+_SHORTEST_STEP = 1e-4
 # How far a twist may be off that vision contradicts, in standard deviations.
 _DOUBT = 10.0
 
 
+def motions_of(increment: Increment) -> list[Part]:
+    """Parts of an increment in which something moves."""
+    return [part for part in increment.parts if part.duration > _SHORTEST_STEP]
+
+
 def prior_covariance(settings: RobocentricSettings) -> Array:
-    """Covariance (16, 16) of the vehicle state before the first frame."""
+    """Covariance (19, 19) of the vehicle state before the first frame."""
     variances = np.empty(SIZE)
     variances[POSE] = settings.prior_pose_variance
     variances[TWIST] = FIRST_TWIST_STD**2
     variances[GYRO_BIAS] = settings.gyro_bias_std**2
     variances[LENS] = settings.lens_distortion_std**2
+    variances[DRIFT] = 0.0
     return np.diag(variances)
 
 
 def doubt_of_twist(covariance: Array) -> Array:
-    """Covariance (16, 16) to add to the vehicle state's, (16, 16), where vision contradicts it.
+    """Covariance (19, 19) to add to the vehicle state's, (19, 19), where vision contradicts it.
 
     The twist may be off by ten times its standard deviations then, and no more than at the start.
     """
@@ -80,11 +161,25 @@ def doubt_of_twist(covariance: Array) -> Array:
     return doubt
 
 
-def walk_densities(settings: RobocentricSettings) -> Array:
-    """Variances (16,) of what the vehicle state changes by in a second, the twist left out."""
-    densities = np.zeros(SIZE)
-    densities[GYRO_BIAS] = settings.gyro_bias_walk_std**2
-    return densities
+def random_walk(
+    settings: RobocentricSettings, twist_walk: Array, drifting: float, tau: float
+) -> RandomWalk:
+    """What the vehicle state changes by at random in tau seconds.
+
+    Parameters
+    ----------
+    settings : RobocentricSettings
+    twist_walk : ndarray, (6,)
+        Variances of what the twist changes by in a second.
+    drifting : float
+        Metres in a second over which vision drifts, by as many as its errors tell in common.
+    tau : float
+    """
+    variances = np.zeros(SIZE)
+    variances[TWIST] = tau * twist_walk
+    variances[GYRO_BIAS] = tau * settings.gyro_bias_walk_std**2
+    variances[DRIFT] = _DRIFT**2 * drifting / tau
+    return RandomWalk(np.diag(variances))
 
 
 def motion_priors(settings: RobocentricSettings) -> tuple[Array, Array]:
@@ -101,19 +196,19 @@ def track_priors(
     return observation.image_point_noise.diagonal().copy(), settings.disparity_offset_std
 
 
-def twist_error(measured: Array, twist: Array, gyro_bias: Array) -> Array:
-    """What a measured twist (6,) is off from the estimate, the bias taken into account."""
-    error = measured - twist
-    error[3:] -= gyro_bias
+def twist_error(measured: Array, vehicle: Vehicle) -> Array:
+    """What a measured twist (6,) is off from the body's, the bias taken into account."""
+    error = measured - vehicle.body_twist
+    error[3:] -= vehicle.gyro_bias
     return error
 
 
 def learn_motion(
     noise: MotionNoise,
     before: tuple[Array, Array],
-    twist: Array,
+    vehicle: Vehicle,
     P: Array,
-    error: Array,
+    measured: Array,
     tau: float,
 ) -> None:
     """Learn the noise of the motion from a step that vision has seen.
@@ -123,33 +218,35 @@ def learn_motion(
     noise : MotionNoise
     before : tuple of ndarray, (6,)
         The twist and its variances before the step's measurements.
-    twist : ndarray, (6,)
-        After them, metres and radians a second.
-    P : ndarray, (16, 16)
-        Covariance of the vehicle state after them.
-    error : ndarray, (6,)
-        Of the measured twist, see :func:`twist_error`.
+    vehicle : Vehicle
+        After them.
+    P : ndarray, (19, 19)
+        Its covariance.
+    measured : ndarray, (6,)
+        Twist, metres and radians a second.
     tau : float
         Seconds of the step.
     """
     H = TWIST_ROWS
     twist_before, variances_before = before
     spread = np.sum((H @ P) * H, axis=1)
-    change, variances = twist - twist_before, P.diagonal()[TWIST]
+    change, variances = vehicle.twist - twist_before, P.diagonal()[TWIST]
+    error = twist_error(measured, vehicle)
     noise.update(change, variances_before, variances, error, spread, tau)
 
 
 def transition_of(
-    camera: StereoCamera, y: Array, warped: Warp, motion: Array, twist: Array, tau: float
+    camera: StereoCamera, y: Array, warped: Warp, vehicle: Vehicle, tau: float
 ) -> Transition:
-    """F of a motion (4, 4), tau seconds at a twist (6,), that has warped image points (n, 3)."""
-    by_twist = tau * se3.right_jacobian(tau * twist)
-    vehicle = np.eye(SIZE)
-    vehicle[POSE, POSE] = se3.adjoint(se3.inverse(motion))
-    vehicle[POSE, TWIST] = by_twist
+    """F of tau seconds in which the vehicle's twist has warped image points (n, 3)."""
+    by_twist = tau * se3.right_jacobian(tau * vehicle.twist)
+    by_body_twist = tau * se3.right_jacobian(tau * vehicle.body_twist)
+    A = np.eye(SIZE)
+    A[POSE, POSE] = se3.adjoint(se3.exp(-tau * vehicle.body_twist))
+    A[POSE] += by_body_twist @ BODY_TWIST_ROWS
     shift, shift_new = radial_shift(camera, y), radial_shift(camera, warped.y)
     coupling = _coupling(warped.G, by_twist, warped.F_y, shift, shift_new)
-    return Transition(vehicle, warped.F_y, coupling)
+    return Transition(A, warped.F_y, coupling)
 
 
 @compiled(
@@ -158,7 +255,7 @@ def transition_of(
 )
 def _coupling(G: Array, by_twist: Array, F_y: Array, shift: Array, shift_new: Array) -> Array:
     """How warped points (n, 3) depend on the vehicle state but the pose: on twist and lens."""
-    n = len(G)
+    n, lens = len(G), LENS - 6
     coupling = np.zeros((n, 3, SIZE - 6))
     for i in range(n):
         for r in range(3):
@@ -166,6 +263,6 @@ def _coupling(G: Array, by_twist: Array, F_y: Array, shift: Array, shift_new: Ar
                 for k in range(6):
                     coupling[i, r, c] += G[i, r, k] * by_twist[k, c]
             for k in range(3):
-                coupling[i, r, -1] += F_y[i, r, k] * shift[i, k]
-            coupling[i, r, -1] -= shift_new[i, r]
+                coupling[i, r, lens] += F_y[i, r, k] * shift[i, k]
+            coupling[i, r, lens] -= shift_new[i, r]
     return coupling

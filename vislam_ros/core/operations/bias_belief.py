@@ -17,7 +17,9 @@ more correction, by ``b = 0`` with the noise ``P_bb (1 / w - 1)``.
 
 The errors of real tracks are not white: the covariance that they leave is too small by a factor of
 five to ten (NEES on the recorded drives), and a bias of a few of its standard deviations is none.
-So the data's information on the bias counts as a tenth of itself in the ratio.
+So the data's information on the bias counts as one part in kappa of itself in the ratio, with how
+many observations tell as much as one that is independent (see track_noise): 1 where errors are
+seen to be white.
 """
 
 import math
@@ -32,8 +34,6 @@ from vislam_ros.core.operations.correction import VehicleCorrection
 
 Array = NDArray[np.float64]
 
-# What the data tell of the bias counts as one part in so many.
-_TEMPER = 10.0
 # Less belief in no bias than this changes nothing that can be seen.
 _LEAST_SHARE = 1e-9
 
@@ -100,7 +100,9 @@ class BiasBelief(NamedTuple):
         return VehicleCorrection(-(L_inverse @ self.bias), noise, H)
 
 
-def bias_belief(covariance: Array, rows: slice, bias: Array, prior_variance: float) -> BiasBelief:
+def bias_belief(
+    covariance: Array, rows: slice, bias: Array, prior_variance: float, *, temper: float
+) -> BiasBelief:
     """Weigh a bias against none.
 
     Parameters
@@ -113,11 +115,13 @@ def bias_belief(covariance: Array, rows: slice, bias: Array, prior_variance: flo
         The estimate, rad/s.
     prior_variance : float
         On each axis, (rad/s)^2; 0 where there is no bias to weigh.
+    temper : float
+        kappa: what the data tell counts as one part in so many, 1 or more.
     """
     P_bb = covariance[rows, rows].copy()
     if not prior_variance > 0.0:
         return BiasBelief(0.0, np.zeros((len(covariance), 3)), P_bb, bias)
-    none, information = _weighed(P_bb, bias, prior_variance, _TEMPER)
+    none, information = _weighed(P_bb, bias, prior_variance, temper)
     return BiasBelief(none, covariance[:, rows] @ information, P_bb, bias)
 
 
