@@ -11,7 +11,7 @@ functions (see plain_image_points), exact to rounding, and share nothing with th
 import numpy as np
 from numpy.typing import NDArray
 from plain_belief import Told, told_of_both
-from plain_gates import agreeing, given_others, scales_with_tails
+from plain_gates import agreeing, given_others, scales_with_tails, stated_factors
 from plain_image_points import (
     FOUR_ROWS,
     Complex,
@@ -87,6 +87,7 @@ class DenseRobocentricFilter:
         self.runs: dict[int, tuple[Array, int]] = {}
         # Keys in the order of the track noise.
         self.judged: list[int] = []
+        self.saw_nothing = False
         self.T_world_body = np.eye(4)
         bias, lens = settings.gyro_bias_std**2, settings.lens_distortion_std**2
         prior = [settings.prior_pose_variance, 50.0**2, 2.0**2, bias, lens, 0.0]
@@ -106,16 +107,17 @@ class DenseRobocentricFilter:
         self.marginalize([key for key in frame.ended.tolist() if key in self.place_of_key])
         if increment.duration > 0:
             self.frame_rate.add(increment.duration)
-        for tau, measured in increment.parts:
+        for i, (tau, measured) in enumerate(increment.parts):
             twist, variances = self.walk(tau)
             if measured is not None:
-                self.measure_twist(measured)
+                self.measure_twist(measured, blind=i > 0 or self.saw_nothing)
             self.move(tau)
         keys = frame.keys.tolist()
+        self.saw_nothing = not keys
         known = [i for i, key in enumerate(keys) if key in self.place_of_key]
         new = [i for i, key in enumerate(keys) if key not in self.place_of_key]
         rejected = []
-        factors = self.factors(frame)
+        factors = stated_factors(self.track_noise, frame, self.told_V[0, 0])
         if known:
             rejected = self.correct([keys[i] for i in known], frame.pixels[known], factors[known])
             sampled = bool(increment.parts) and measured is not None
@@ -148,12 +150,16 @@ class DenseRobocentricFilter:
         self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
         return self.estimate[TWIST].copy(), np.diag(self.P)[TWIST].copy()
 
-    def measure_twist(self, measured: Array) -> None:
+    def measure_twist(self, measured: Array, *, blind: bool) -> None:
         self.motion_noise.add(measured)
-        known = np.isfinite(measured)
+        known = np.flatnonzero(np.isfinite(measured))
         H = self.twist_rows()[known]
         R = np.diag(self.motion_noise.twist_variance[known])
-        self.update(H, R, measured[known] - H @ self.estimate)
+        error = measured[known] - H @ self.estimate
+        S = np.diag(H @ self.P @ H.T + R)
+        more = blind & (error**2 > 9 * S)
+        self.P[6 + known, 6 + known] += np.where(more, error**2 - S, 0.0)
+        self.update(H, R, error)
 
     def body_twist_rows(self) -> Array:
         H = np.zeros((6, len(self.P)))
@@ -208,16 +214,6 @@ class DenseRobocentricFilter:
             for place, seen in zip(self.warped_places, np.abs(ray).max(axis=1) < 1.5, strict=True)
             if seen or place in in_use
         ]
-
-    def factors(self, frame: TrackedFrame) -> Array:
-        """Factors (n,) on V of a frame's observations."""
-        noise = self.track_noise
-        noise.is_stated = frame.noise is not None
-        if frame.noise is None:
-            return np.ones(len(frame.keys))
-        variances = frame.noise**2 / self.told_V[0, 0]
-        noise.usual_factor = mean = float(np.mean(variances))
-        return (variances + max(noise.level - 1, 0) * mean) / max(noise.level, 1)
 
     def correct(self, keys: list[int], pixels: Array, factors: Array) -> list[int]:
         noise = self.track_noise

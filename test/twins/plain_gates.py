@@ -5,6 +5,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.noise.track_noise import TrackNoise
+from vislam_ros.core.tracking.tracked_frame import TrackedFrame
+
 Array = NDArray[np.float64]
 
 
@@ -49,3 +52,13 @@ def scales_with_tails(residual: Array, S: Array, kept: list[int], R_0: Array, ow
         error, C = given_others(residual, S, kept, i)
         scales[i] = scale_with_tail(error, C - own[i] * np.diag(R_0[i]), R_0[i], own[i])
     return scales
+
+
+def stated_factors(noise: TrackNoise, frame: TrackedFrame, told_variance: float) -> Array:
+    """Factors (n,) on V of a frame's observations; those that it states are noted."""
+    noise.is_stated = frame.noise is not None
+    if frame.noise is None:
+        return np.ones(len(frame.keys))
+    variances = frame.noise**2 / told_variance
+    noise.usual_factor = mean = float(np.mean(variances))
+    return np.asarray((variances + max(noise.level - 1, 0) * mean) / max(noise.level, 1))

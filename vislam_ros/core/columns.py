@@ -106,11 +106,12 @@ class Estimate(NamedTuple):
         ValueError
             Where they are more or fewer than the quantity's columns.
         """
-        numbers = [*np.ravel(self.values).tolist(), *np.ravel(self.std).tolist()]
+        values, std = np.asarray(self.values, dtype=float), np.asarray(self.std, dtype=float)
+        numbers: list[float] = values.ravel().tolist() + std.ravel().tolist()
         names = self.quantity.names + self.quantity.std_names
         if len(numbers) != len(names):
             raise ValueError(f"{len(numbers)} numbers for the columns {', '.join(names)}")
-        return dict(zip(names, map(float, numbers), strict=True))
+        return dict(zip(names, numbers, strict=True))
 
 
 def _label(name: str, unit: str) -> str:

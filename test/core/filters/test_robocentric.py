@@ -35,7 +35,24 @@ def drives() -> dict[str, Drive]:
         **made,
         "gyroscope": made["white"].moved_by("gyro"),
         "stated": dataclasses.replace(made["white"], noise=stated.astype(np.float32)),
+        "turning unseen": turning_unseen(made["white"]),
     }
+
+
+def turning_unseen(drive: Drive) -> Drive:
+    """The drive without three of its frames, and with a turn meanwhile."""
+    counts, twists = np.diff(drive.offsets), drive.twists.copy()
+    kept = ~np.isin(np.arange(drive.steps + 1), [12, 13, 14])[: len(counts)]
+    seen = np.repeat(kept, counts)
+    twists[12:15, 5] += [0.5, 1.0, 0.5]
+    return dataclasses.replace(
+        drive,
+        feature_stamps=drive.feature_stamps[kept],
+        offsets=np.concatenate([[0], np.cumsum(counts[kept])]),
+        ids=drive.ids[seen],
+        pixels=drive.pixels[seen],
+        twists=twists,
+    )
 
 
 def told_numbers(outcome: Outcome) -> list[Array]:
@@ -89,6 +106,7 @@ TOLD = [
         *((kind, *told) for kind in ("white", "offsets") for told in TOLD),
         *(("gyroscope", *told) for told in TOLD[1:3]),
         *(("stated", *told) for told in TOLD[::2]),
+        ("turning unseen", *TOLD[0]),
     ],
 )
 def test_state_and_covariance_are_the_dense_filters(
@@ -344,6 +362,23 @@ def test_a_step_of_many_samples_is_as_many_steps_without_a_frame() -> None:
     one.step(Increment(np.eye(4), SECONDS, np.zeros((6, 6)), parts), nothing)
     assert_allclose(one.T_world_body, many.T_world_body, atol=1e-12)
     assert_allclose(one.covariance, many.covariance, rtol=1e-9, atol=1e-12)
+
+
+def test_a_manoeuvre_while_no_frame_comes_is_followed() -> None:
+    filter_ = filter_that_sees(far_points(8, 40.0), FORWARD, 30)
+    turning = increment(FORWARD + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    parts = increment(FORWARD).parts + 2 * turning.parts
+    nothing = frame_of(np.arange(0), np.empty((0, 4)))
+    filter_.step(Increment(np.eye(4), 3 * SECONDS, np.zeros((6, 6)), parts), nothing)
+    assert_allclose(filter_.vehicle.body_twist[5], 1.0, atol=0.1)
+
+
+def test_while_frames_come_a_measured_twist_that_leaps_is_mostly_noise() -> None:
+    filter_ = filter_that_sees(far_points(8, 40.0), FORWARD, 30)
+    y = filter_.image_points[:, [0, 2, 1, 2]]
+    leap = increment(FORWARD + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    filter_.step(leap, frame_of(filter_.keys, y))
+    assert abs(filter_.vehicle.body_twist[5]) < 0.2
 
 
 def test_without_a_sample_the_twist_goes_on_and_is_known_the_less_the_longer_it_takes() -> None:

@@ -127,9 +127,9 @@ def points_of_both(
     """Landmarks in rows (m, 3) of one state, as the beliefs in a bias and in none have them."""
     if not belief.changes:
         return points
-    delta = belief.delta
+    delta, spread = belief.delta, belief.spread
     of_points, of_state = belief.gain[rows], belief.gain[POSE_AND_LENS]
-    spread_points, spread_state = of_points @ belief.spread, of_state @ belief.spread
+    spread_points, spread_state = of_points @ spread, of_state @ spread
     return ImagePoints(
         y=points.y + delta[rows] + delta[LENS] * radial_shift(camera, points.y),
         own=points.own + spread_points @ of_points.swapaxes(1, 2),

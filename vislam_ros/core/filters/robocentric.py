@@ -10,7 +10,8 @@ a step, which is mild at every depth and disparity, zero and negative ones inclu
 Image points are kept free of the lens's distortion, observations are freed of it by the present
 kappa, and a landmark's error is the one that remains at a given kappa: ``y = y_hat + delta_y +
 D(y_hat) delta_kappa`` (see lens). So a wrong kappa shows in the motion of image points only, as
-it does in a camera. The terms of the EKF (the report's eq. 25-36) are in robocentric_model.
+it does in a camera. The terms of the EKF (the report's eq. 25-36) are in robocentric_model. A test
+holds it to the same in plain numpy, ``test/twins/dense_robocentric.py``, to 1e-9.
 
 A step from stamp k - 1 to k, of tau seconds; where it spans many samples of the twist, 2 to 4 are
 taken sample by sample, and where samples are missing, 3 is left out:
@@ -18,7 +19,7 @@ taken sample by sample, and where samples are missing, 3 is left out:
 1. Landmarks whose track has ended are marginalized, and enter the map where they have a position.
 2. The vehicle state takes a random step, ``P <- P + Q``: above all the twist u (white acceleration
    noise), which now stands for the constant twist of this step, and the drift of vision in it.
-3. The prediction's mean twist over this step measures the body's.
+3. The prediction's mean twist measures the body's (without a frame in between: unforeseen_walk).
 4. The body moves, and landmarks are warped by the same and the drift, ``P <- F P F^T``: all noise
    is in the vehicle state already. Those that come behind the camera are marginalized before.
 5. The frame's image points correct everything, but for those that gates reject, of a frame or of
@@ -28,8 +29,6 @@ taken sample by sample, and where samples are missing, 3 is left out:
    rejected, it is the motion that is wrong: the twist is doubted.
 7. Landmarks seen for the first time are initialized.
 8. Bias and none are weighed against each other; what is told is their mean (see bias_belief).
-
-A test holds it to the same filter in plain numpy, ``test/twins/dense_robocentric.py``, to 1e-9.
 """
 
 from dataclasses import replace
@@ -59,7 +58,6 @@ from vislam_ros.core.filters.robocentric_model import (
     POSE_AND_LENS,
     SIZE,
     TWIST,
-    TWIST_ROWS,
     Vehicle,
     doubt_of_twist,
     learn_motion,
@@ -69,7 +67,8 @@ from vislam_ros.core.filters.robocentric_model import (
     random_walk,
     track_priors,
     transition_of,
-    twist_error,
+    twist_correction,
+    unforeseen_walk,
 )
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
@@ -78,18 +77,17 @@ from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import warp
 from vislam_ros.core.linalg import gating
-from vislam_ros.core.motion import Increment, Twist, measures_velocity
+from vislam_ros.core.motion import Increment, Twist
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
 from vislam_ros.core.noise.track_runs import TrackRuns
 from vislam_ros.core.operations.bias_belief import BiasBelief, bias_belief
-from vislam_ros.core.operations.correction import VehicleCorrection
 from vislam_ros.core.operations.direct_correction import DirectCorrection, correct_gradually
 from vislam_ros.core.operations.error_state import ErrorState, Operation, Recorder, Result
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
-from vislam_ros.core.operations.transition import RandomWalk, VehicleTransition
+from vislam_ros.core.operations.transition import VehicleTransition
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracking.tracks import indices_of, is_member
 
@@ -134,6 +132,7 @@ class RobocentricFilter:
         self._state = ErrorState(prior_covariance(settings), SIZE, tape)
         self._marginalized = ImagePointMap(camera)
         self._believed: BiasBelief | None = None  # of the present state
+        self._saw_nothing = False  # in the last frame
         self.vehicle = Vehicle()
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.image_points: Array = np.empty((0, 3))
@@ -182,11 +181,12 @@ class RobocentricFilter:
         parts = motions_of(increment)
         if parts:
             self._frame_rate.add(increment.duration)
-        for tau, measured in parts:
+        for i, (tau, measured) in enumerate(parts):
             before = self._walk(tau)
             if measured is not None:
-                self._measure_twist(measured)
+                self._measure_twist(measured, blind=i > 0 or self._saw_nothing)
             behind_camera = np.concatenate([behind_camera, self._move(tau)])
+        self._saw_nothing = not len(frame.keys)
         slots = indices_of(frame.keys, self.keys)
         known = slots >= 0
         factors = self._track_noise.factors(frame.noise, len(frame.keys))
@@ -201,7 +201,7 @@ class RobocentricFilter:
         if self._settings.learn_noise and parts and measured is not None and outcome.used:
             learn_motion(self._motion_noise, before, self.vehicle, P, measured, tau)
         if outcome.is_contradicted:
-            self._apply(RandomWalk(doubt_of_twist(P)))
+            self._apply(doubt_of_twist(P))
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)
@@ -224,8 +224,8 @@ class RobocentricFilter:
         """Keys (M,), world positions (M, 3) and covariances (M, 3, 3) of the whole map."""
         keys, means, covariances = self._marginalized.all()
         tracked = np.flatnonzero(self._has_position())
-        points = self._told(self._image_points_of(tracked), tracked)
-        positions = world_positions(self._camera, points)
+        points = self._image_points_of(tracked)
+        positions = world_positions(self._camera, self._told(points, tracked))
         return (
             np.concatenate([keys, self.keys[tracked]]),
             np.concatenate([means, positions.means]),
@@ -255,25 +255,25 @@ class RobocentricFilter:
         self.vehicle = replace(self.vehicle, drift=np.zeros(3))
         return self.vehicle.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
 
-    def _measure_twist(self, measured: Array) -> None:
+    def _measure_twist(self, measured: Array, *, blind: bool) -> None:
         """Correct by the prediction's mean twist (6,), or what there is of it."""
         self._motion_noise.add(measured)
         self._twist_variance = self._motion_noise.twist_variance
-        error = twist_error(measured, self.vehicle)
-        R, known = self._twist_variance, slice(0 if measures_velocity(measured) else 3, 6)
-        correction = VehicleCorrection(error[known], R[known], TWIST_ROWS[known])
+        correction = twist_correction(measured, self.vehicle, self._twist_variance)
+        if blind:
+            self._apply(unforeseen_walk(correction, self._state.vehicle_covariance))
         self._shift(self._apply(correction).delta)
 
     def _move(self, tau: float) -> Keys:
         """Move the body and warp every landmark; return the keys of those behind the camera."""
-        motion = se3.exp(tau * self.vehicle.twist)
-        warped = warp(self._camera, self.image_points, motion)
-        behind_camera = self.keys[~warped.ahead]
-        if len(behind_camera):
+        seen, motion = (se3.exp(tau * u) for u in (self.vehicle.twist, self.vehicle.body_twist))
+        warped = warp(self._camera, self.image_points, seen)
+        if len(behind_camera := self.keys[~warped.ahead]):
             self._marginalize(~warped.ahead)
-            warped = warp(self._camera, self.image_points, motion)
-        self._apply(transition_of(self._camera, self.image_points, warped, self.vehicle, tau))
-        self.vehicle = self.vehicle.moved(tau)
+            warped = warp(self._camera, self.image_points, seen)
+        y, vehicle = self.image_points, self.vehicle
+        self._apply(transition_of(self._camera, y, warped, motion, vehicle, tau))
+        self.vehicle = vehicle.moved(motion)
         self.image_points = warped.y
         return behind_camera
 
@@ -395,6 +395,5 @@ register_estimator(
     RobocentricSettings,
     lambda settings, given: RobocentricFilter(settings, given.camera, given.tape),
     smoothable=True,
-    # Its noise of the motion is the walk of the twist in its state.
-    unused=("process_noise", "process_variance"),
+    unused=("process_noise", "process_variance"),  # the walk of the twist stands for them
 )

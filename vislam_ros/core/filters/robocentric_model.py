@@ -48,8 +48,9 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import Warp
-from vislam_ros.core.motion import FIRST_TWIST_STD, Increment, Part
+from vislam_ros.core.motion import FIRST_TWIST_STD, Increment, Part, measures_velocity
 from vislam_ros.core.noise.motion_noise import MotionNoise
+from vislam_ros.core.operations.correction import VehicleCorrection
 from vislam_ros.core.operations.transition import RandomWalk, Transition
 
 Array = NDArray[np.float64]
@@ -74,6 +75,8 @@ TWIST_ROWS[3:, GYRO_BIAS] = np.eye(3)
 FORGET_DRIFT: Array = np.eye(SIZE)
 FORGET_DRIFT[DRIFT, DRIFT] = 0.0
 
+# From how many deviations on a measured twist shows a change that its walk did not foresee.
+_UNFORESEEN = 3.0
 # By how much vision turns over a metre where two observations tell as much as one [rad].
 _DRIFT = 0.13e-3
 
@@ -123,9 +126,9 @@ class Vehicle:
             self.drift + delta[DRIFT],
         )
 
-    def moved(self, tau: float) -> "Vehicle":
-        """Return where it is tau seconds later."""
-        return replace(self, T_world_body=self.T_world_body @ se3.exp(tau * self.body_twist))
+    def moved(self, motion: Array) -> "Vehicle":
+        """Return where it is after a motion (4, 4)."""
+        return replace(self, T_world_body=self.T_world_body @ motion)
 
 
 # Nothing moves in less than this, and no twist can be had from it [s].
@@ -150,15 +153,13 @@ def prior_covariance(settings: RobocentricSettings) -> Array:
     return np.diag(variances)
 
 
-def doubt_of_twist(covariance: Array) -> Array:
-    """Covariance (19, 19) to add to the vehicle state's, (19, 19), where vision contradicts it.
+def doubt_of_twist(covariance: Array) -> RandomWalk:
+    """Walk of the vehicle state, of such a covariance (19, 19), where vision contradicts it.
 
     The twist may be off by ten times its standard deviations then, and no more than at the start.
     """
     doubted = np.minimum(_DOUBT**2 * covariance.diagonal()[TWIST], FIRST_TWIST_STD**2)
-    doubt = np.zeros((SIZE, SIZE))
-    doubt[TWIST, TWIST] = np.diag(np.maximum(doubted - covariance.diagonal()[TWIST], 0.0))
-    return doubt
+    return _walk_of_twist(np.maximum(doubted - covariance.diagonal()[TWIST], 0.0))
 
 
 def random_walk(
@@ -203,6 +204,33 @@ def twist_error(measured: Array, vehicle: Vehicle) -> Array:
     return error
 
 
+def twist_correction(measured: Array, vehicle: Vehicle, variances: Array) -> VehicleCorrection:
+    """Correction by a measured twist (6,) of such noise (6,), or by what there is of it."""
+    known = slice(0 if measures_velocity(measured) else 3, 6)
+    error = twist_error(measured, vehicle)
+    return VehicleCorrection(error[known], variances[known], TWIST_ROWS[known])
+
+
+def unforeseen_walk(measurement: VehicleCorrection, covariance: Array) -> RandomWalk:
+    """Walk of the vehicle state, of such a covariance (19, 19), as a measured twist shows it.
+
+    Where no frame with features has come since the last sample, and one is off by more than three
+    of its deviations, the twist has changed by more than its walk foresees: the variance of what
+    is measured becomes the square of what it is off.
+    """
+    H, error = measurement.H, measurement.residual
+    expected = np.sum((H @ covariance) * H, axis=1) + measurement.noise
+    unforeseen = error**2 > _UNFORESEEN**2 * expected
+    return _walk_of_twist(np.where(unforeseen, error**2 - expected, 0.0) @ H[:, TWIST])
+
+
+def _walk_of_twist(variances: Array) -> RandomWalk:
+    """Walk by which the twist alone changes, of such variances (6,)."""
+    Q = np.zeros((SIZE, SIZE))
+    Q[TWIST, TWIST] = np.diag(variances)
+    return RandomWalk(Q)
+
+
 def learn_motion(
     noise: MotionNoise,
     before: tuple[Array, Array],
@@ -236,13 +264,13 @@ def learn_motion(
 
 
 def transition_of(
-    camera: StereoCamera, y: Array, warped: Warp, vehicle: Vehicle, tau: float
+    camera: StereoCamera, y: Array, warped: Warp, motion: Array, vehicle: Vehicle, tau: float
 ) -> Transition:
-    """F of tau seconds in which the vehicle's twist has warped image points (n, 3)."""
+    """F of a motion (4, 4) of the body, in whose tau seconds image points (n, 3) were warped."""
     by_twist = tau * se3.right_jacobian(tau * vehicle.twist)
     by_body_twist = tau * se3.right_jacobian(tau * vehicle.body_twist)
     A = np.eye(SIZE)
-    A[POSE, POSE] = se3.adjoint(se3.exp(-tau * vehicle.body_twist))
+    A[POSE, POSE] = se3.adjoint(se3.inverse(motion))
     A[POSE] += by_body_twist @ BODY_TWIST_ROWS
     shift, shift_new = radial_shift(camera, y), radial_shift(camera, warped.y)
     coupling = _coupling(warped.G, by_twist, warped.F_y, shift, shift_new)
