@@ -110,6 +110,17 @@ def test_each_step_is_told_with_the_stamp_of_its_features(node, capture, drive):
     assert row_from_values(values)[0]["first_of_pass"] is True
 
 
+def test_what_a_step_did_is_told_before_its_pose(node, monkeypatch, drive):
+    """So no pose is without, where the node is killed between the two."""
+    told = []
+    monkeypatch.setattr(node.monitor, "publish", lambda to, _: told.append(to.topic_name))
+    predictions_first(drive, node)
+    assert [name for name in told if name in (STEPS, ODOMETRY)] == len(drive.features) * [
+        STEPS,
+        ODOMETRY,
+    ]
+
+
 def test_refused_features_are_counted_and_the_next_ones_go_on(node, capture, drive):
     published = capture(node)
     drive.calibrate(node)

@@ -146,11 +146,12 @@ class SlamNode(Node):
             step.twist,
             step.twist_covariance,
         )
-        self.monitor.publish(self._odometry, odometry)
         now = time.monotonic()
         latency_ms = 1e3 * (now - self._received_at.pop(step.stamp, now))
         row = step.row()
         self._report.add(step, row)
+        # Before the pose: the recorder writes both or none, and a node that is killed between the
+        # two has told no pose that is in no file.
         self.monitor.publish(
             self._steps,
             conversions.status_array(
@@ -164,6 +165,7 @@ class SlamNode(Node):
                 settings.map_frame,
             ),
         )
+        self.monitor.publish(self._odometry, odometry)
         for estimate in step.estimates:
             if estimate.quantity == GYRO_BIAS:
                 bias = np.asarray(estimate.values)

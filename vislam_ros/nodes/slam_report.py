@@ -39,7 +39,7 @@ def step_values(
     row : Row
         The step's numbers by column.
     latency_ms : float
-        From receiving the features to publishing their pose, milliseconds.
+        From receiving the features until their pose goes out, milliseconds.
     number : int
         How many steps the node has published, this one included.
     changes : mapping, optional
