@@ -73,12 +73,14 @@ test: $(READY) ## run all tests on two cores
 	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal -m 'not alone' $(ARGS) || [ $$? = 5 ]
 	@$(ENTER) $(BIN)/python -m pytest -q -m alone $(ARGS) || [ $$? = 5 ]
 
+# Tests that count the lines they reach; the others start whole graphs, and reach no more.
+COUNTED := test/core test/data test/cli test/nodes
+
 coverage: $(READY) ## run all tests, and see that they reach nearly all lines of core and data
-	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal --cov --cov-report= test/core test/data test/cli $(ARGS)
+	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal -m 'not alone' --cov --cov-report= $(COUNTED) $(ARGS)
 	@$(BIN)/coverage report --skip-covered --include 'vislam_ros/core/*' --fail-under $(CORE_FLOOR)
 	@$(BIN)/coverage report --skip-covered --include 'vislam_ros/data/*' --fail-under $(DATA_FLOOR)
-	@# Counting lines makes whole runs of the graph a third slower, and these reach no others.
-	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal -m 'not alone' --ignore test/core --ignore test/data --ignore test/cli
+	@$(ENTER) $(BIN)/python -m pytest -q -n 2 --dist worksteal -m 'not alone' $(addprefix --ignore ,$(COUNTED))
 	@$(ENTER) $(BIN)/python -m pytest -q -m alone
 
 lint: $(READY) ## mend the format, check style and types: .pre-commit-config.yaml
