@@ -30,6 +30,7 @@ from vislam_ros.data.bags.layout import (
     DIAGNOSTICS,
     EXTRINSICS,
     GYRO_BIAS,
+    IMAGES,
     LANDMARKS,
     ODOMETRY,
     PLAYER,
@@ -207,6 +208,8 @@ class RecorderNode(Node):
             raise RefusedMessage(Refusal.BAD_FIELDS, f"{PLAYER.name}: {error!r}") from error
         if self._ledger.set_sent(sent):
             self._steps = 0  # another player has begun
+        if any(sent.get(topic.name) for topic in IMAGES):
+            self._query.expect(TRACKER)
         if (state, sent) != self._player:
             self._last_progress = time.monotonic()
         self._player = state, sent
@@ -317,9 +320,8 @@ class RecorderNode(Node):
             reason = self._ledger.gap(self._recorded, to_the_end=not cut)
         else:
             reason = self._stopped()
-        if reason:
-            return reason
-        return None if self.recording.has_final_map else "the landmark map did not arrive"
+        missing = None if self.recording.has_final_map else "the landmark map did not arrive"
+        return reason or missing
 
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
         self._parameters_of[node] = values

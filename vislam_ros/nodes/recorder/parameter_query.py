@@ -39,7 +39,6 @@ class ParameterQuery:
         on_answer: Callable[[str, dict[str, Any]], None],
         if_there: Sequence[str] = (),
     ):
-        self._node = node
         self._on_answer = on_answer
         self._unanswered = set(others)
         self._unasked: dict[str, tuple[Client, Client]] = {
@@ -52,12 +51,13 @@ class ParameterQuery:
 
     @property
     def complete(self) -> bool:
-        """Whether every node has answered that must be there or is."""
-        if self._unanswered:
-            return False
-        # A node may be known for a while before its services are.
-        here = self._node.get_node_names_and_namespaces()
-        return not any((other, self._node.get_namespace()) in here for other in self._unasked)
+        """Whether every node has answered that must be there."""
+        return not self._unanswered
+
+    def expect(self, other: str) -> None:
+        """Wait for the answer of one that need not be there: it is, and may be found late."""
+        if other in self._unasked:
+            self._unanswered.add(other)
 
     def ask(self) -> None:
         """Ask the nodes that are here and were not asked yet."""
