@@ -53,6 +53,17 @@ def test_tracks_of_two_frames_in_turn_are_held_against_each_other() -> None:
     )
 
 
+def test_some_frames_are_kept_with_all_that_is_said_of_them() -> None:
+    drive = drive_of(noise=[[0.1, 0.2], [], [0.3]])
+    left = drive.with_frames(np.array([False, True, True]))
+    assert left.feature_stamps.tolist() == drive.feature_stamps[1:].tolist()
+    assert left.twist_stamps.tolist() == drive.twist_stamps.tolist()
+    for k in range(2):
+        for ours, own in zip(left.frame(k), drive.frame(k + 1), strict=True):
+            np.testing.assert_array_equal(ours, own)
+        np.testing.assert_array_equal(left.noise_of(k), drive.noise_of(k + 1))
+
+
 def test_the_frames_of_a_drive_make_the_same_drive() -> None:
     drive = simulate(steps=10, landmarks=40).drive
     ids, pixels = zip(*map(drive.frame, range(drive.steps)), strict=True)

@@ -81,15 +81,10 @@ def first_steps(drive: Drive, count: int) -> Drive:
         return drive
     last = drive.feature_stamps[count - 1]
     twists = drive.twist_stamps <= last
-    rows = drive.offsets[count]
     return dataclasses.replace(
-        drive,
+        drive.with_frames(drive.feature_stamps <= last),
         twist_stamps=drive.twist_stamps[twists],
         twists=drive.twists[twists],
-        feature_stamps=drive.feature_stamps[:count],
-        offsets=drive.offsets[: count + 1],
-        ids=drive.ids[:rows],
-        pixels=drive.pixels[:rows],
     )
 
 

@@ -60,16 +60,7 @@ class Outage:
             return dataclasses.replace(
                 drive, twist_stamps=drive.twist_stamps[kept], twists=drive.twists[kept]
             )
-        kept = (drive.feature_stamps < begin) | (drive.feature_stamps >= end)
-        counts = np.diff(drive.offsets)
-        rows = np.repeat(kept, counts)
-        return dataclasses.replace(
-            drive,
-            feature_stamps=drive.feature_stamps[kept],
-            offsets=np.concatenate([[0], np.cumsum(counts[kept])]),
-            ids=drive.ids[rows],
-            pixels=drive.pixels[rows],
-        )
+        return drive.with_frames((drive.feature_stamps < begin) | (drive.feature_stamps >= end))
 
 
 @dataclass(frozen=True)

@@ -184,6 +184,19 @@ class Drive:
         twists[:, :3] = np.nan
         return replace(self, twists=twists)
 
+    def with_frames(self, kept: NDArray[np.bool_]) -> "Drive":
+        """Drive with some (S,) of its feature frames, and all of its motion."""
+        counts = np.diff(self.offsets)
+        rows = np.repeat(kept, counts)
+        return replace(
+            self,
+            feature_stamps=self.feature_stamps[kept],
+            offsets=np.concatenate([[0], np.cumsum(counts[kept])]),
+            ids=self.ids[rows],
+            pixels=self.pixels[rows],
+            noise=None if self.noise is None else self.noise[rows],
+        )
+
     @property
     def steps(self) -> int:
         """Number of feature frames."""

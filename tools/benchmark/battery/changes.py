@@ -26,15 +26,10 @@ def quarter_of(drive: Drive, quarter: int) -> Drive:
     first, last = bounds[quarter - 1], bounds[quarter]
     begin, end = drive.feature_stamps[first], drive.feature_stamps[last - 1]
     twists = (drive.twist_stamps >= begin) & (drive.twist_stamps <= end)
-    rows = slice(drive.offsets[first], drive.offsets[last])
     return dataclasses.replace(
-        drive,
+        drive.with_frames((drive.feature_stamps >= begin) & (drive.feature_stamps <= end)),
         twist_stamps=drive.twist_stamps[twists],
         twists=drive.twists[twists],
-        feature_stamps=drive.feature_stamps[first:last],
-        offsets=drive.offsets[first : last + 1] - drive.offsets[first],
-        ids=drive.ids[rows],
-        pixels=drive.pixels[rows],
     )
 
 
