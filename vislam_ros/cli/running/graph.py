@@ -42,7 +42,7 @@ _LOOKS_A_SUMMARY = 5
 _START_UP_SECONDS = 60.0
 # The recorder waits for the map and then says how the run ended: so much longer than it.
 _SETTLING_SECONDS = 30.0
-_PARTING_SECONDS = 30.0
+_PARTING_SECONDS = 5.0
 
 
 def run_graph(
@@ -136,7 +136,7 @@ def run_graph(
                 for child in (*nodes, player):
                     watch.add(child)
                 with live_view(bag.frames) as update:
-                    _wait(watch, player, results, RunView(update, viewer), pictures)
+                    wait_until_recorded(watch, player, results, RunView(update, viewer), pictures)
         finally:
             ignore_interrupts()
             children.end(writer=recorder_node)
@@ -175,7 +175,9 @@ def _suspending(children: Children) -> Iterator[None]:
         signal.signal(signal.SIGTSTP, before)
 
 
-def _wait(watch: Watch, player: Child, results: Path, view: RunView, pictures: Pictures) -> None:
+def wait_until_recorded(
+    watch: Watch, player: Child, results: Path, view: RunView, pictures: Pictures
+) -> None:
     """Wait until the recorder says how the run ended, with its last pass.
 
     Times are counted in looks at the processes, so that a run which was stopped as a whole goes on
@@ -196,6 +198,8 @@ def _wait(watch: Watch, player: Child, results: Path, view: RunView, pictures: P
             if str(newest["incomplete_reason"]).startswith(STOPPED):
                 raise VislamError("recorder_node was told to end")
             if has_ended(newest):
+                if not newest["complete"]:
+                    return  # nothing more will come, whether or not the player leaves
                 if not looks_since_the_end and all(each["complete"] for _, each in summaries):
                     pictures.begin([directory for directory, _ in summaries])
                 looks_since_the_end += _LOOKS_A_SUMMARY
