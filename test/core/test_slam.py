@@ -82,7 +82,7 @@ def test_each_step_tells_the_gyro_bias_as_it_stood_where_the_estimator_has_one()
         np.array([[row[name] for name in names] for row in rows])
         for names in (GYRO_BIAS.names, GYRO_BIAS.std_names)
     )
-    # Half of the prior is at none.
+    # Most of the prior is at none.
     assert_allclose(stds[0], slam_settings({}).gyro_bias_std)
     assert np.all(stds[-1] < stds[0])
     assert len({bias.tobytes() for bias in biases}) > 1

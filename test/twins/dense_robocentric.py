@@ -88,6 +88,7 @@ class DenseRobocentricFilter:
         # Keys in the order of the track noise.
         self.judged: list[int] = []
         self.saw_nothing = False
+        self.rejected: list[int] = []
         self.T_world_body = np.eye(4)
         bias, lens = settings.gyro_bias_std**2, settings.lens_distortion_std**2
         prior = [settings.prior_pose_variance, 50.0**2, 2.0**2, bias, lens, 0.0]
@@ -104,7 +105,8 @@ class DenseRobocentricFilter:
 
     def step(self, increment: Increment, frame: TrackedFrame) -> list[int]:
         """Take a frame; return the keys whose observations failed a gate."""
-        self.marginalize([key for key in frame.ended.tolist() if key in self.place_of_key])
+        gone = [*frame.ended.tolist(), *self.rejected]
+        self.marginalize([key for key in gone if key in self.place_of_key])
         if increment.duration > 0:
             self.frame_rate.add(increment.duration)
         for i, (tau, measured) in enumerate(increment.parts):
@@ -128,6 +130,7 @@ class DenseRobocentricFilter:
                 after = np.diag(self.P)[TWIST]
                 error_variance = np.diag(H @ self.P @ H.T)
                 self.motion_noise.update(change, variances, after, error, error_variance, tau)
+        self.rejected = rejected
         if rejected and 2 * len(rejected) >= len(known):
             variances = self.P.diagonal()[TWIST]
             doubted = np.minimum(100.0 * variances, np.repeat([50.0**2, 2.0**2], 3))
@@ -251,7 +254,6 @@ class DenseRobocentricFilter:
         # What the numbers leave of the rows is noise alone.
         left = (pixels[kept] - z[kept] @ FOUR_ROWS.T)[:, used]
         innovation = (residual[kept][:, told] @ some_rows.T + left).ravel()
-        self.marginalize(rejected)
         if len(H):
             each = np.kron(np.eye(len(kept)), some_rows)
             S_inverse = np.linalg.inv(H @ self.P @ H.T + R)

@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
+from scipy.special import expit, logit
 from scipy.stats import multivariate_normal
 
 Array = NDArray[np.float64]
+
+PRIOR_AT_NONE = 0.97
 
 
 class Told(NamedTuple):
@@ -43,7 +45,7 @@ def told_of_both(P: Array, rows: slice, b: Array, prior_variance: float, temper:
     b_counted = P_counted @ np.linalg.inv(P_bb) @ b / temper
     after = multivariate_normal(b_counted, P_counted).logpdf(zero)
     before = multivariate_normal(zero, prior).logpdf(zero)
-    none = float(expit(after - before))
+    none = float(expit(logit(PRIOR_AT_NONE) + after - before))
     gain = P[:, rows] @ np.linalg.inv(P_bb)
     mean_of_none, P_of_none = -gain @ b, P - gain @ P[rows]
     mean = none * mean_of_none

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
-from plain_belief import told_of_both
-from scipy.special import expit
+from plain_belief import PRIOR_AT_NONE, told_of_both
+from scipy.special import expit, logit
 from scipy.stats import multivariate_normal
 
 from vislam_ros.core.operations.bias_belief import BiasBelief, bias_belief
@@ -41,18 +41,18 @@ def half_and_half(P: Array) -> tuple[BiasBelief, Array]:
     return belief_of(P, bias), bias
 
 
-def log_ratio(bias: Array, P_bb: Array) -> float:
+def log_odds(bias: Array, P_bb: Array) -> float:
     after = multivariate_normal(bias, P_bb).logpdf(np.zeros(3))
     before = multivariate_normal(np.zeros(3), PRIOR_STD**2 * np.eye(3)).logpdf(np.zeros(3))
-    return float(after - before)
+    return float(logit(PRIOR_AT_NONE) + after - before)
 
 
 @pytest.mark.parametrize("size", [0.0, 0.002, 0.01])
-def test_untempered_the_odds_are_the_bias_density_at_zero_after_the_data_over_before(
+def test_untempered_the_data_change_the_odds_by_the_bias_density_at_zero_after_over_before(
     size: float,
 ) -> None:
     P, bias = state(81), size * np.array([0.6, -0.3, 1.0])
-    assert_allclose(belief_of(P, bias, 1.0).none, expit(log_ratio(bias, P[ROWS, ROWS])), rtol=1e-9)
+    assert_allclose(belief_of(P, bias, 1.0).none, expit(log_odds(bias, P[ROWS, ROWS])), rtol=1e-9)
 
 
 def test_tempered_by_ten_the_datas_information_counts_as_a_tenth_of_itself() -> None:
@@ -61,14 +61,14 @@ def test_tempered_by_ten_the_datas_information_counts_as_a_tenth_of_itself() -> 
     information = np.linalg.inv(P[ROWS, ROWS])
     P_tenth = np.asarray(np.linalg.inv(prior + (information - prior) / 10), dtype=np.float64)
     b_tenth = P_tenth @ information @ bias / 10
-    assert_allclose(belief_of(P, bias).none, expit(log_ratio(b_tenth, P_tenth)), rtol=1e-9)
+    assert_allclose(belief_of(P, bias).none, expit(log_odds(b_tenth, P_tenth)), rtol=1e-9)
 
 
-def test_before_the_data_half_of_the_prior_is_at_none() -> None:
+def test_before_the_data_nearly_all_of_the_prior_is_at_none() -> None:
     P = np.eye(12)
     P[ROWS, ROWS] = PRIOR_STD**2 * np.eye(3)
     belief = belief_of(P, np.zeros(3))
-    assert_allclose(belief.none, 0.5)
+    assert_allclose(belief.none, PRIOR_AT_NONE)
     # Whatever the belief, a bias of nothing moves nothing.
     assert_allclose(belief.delta, 0.0)
 
@@ -176,12 +176,13 @@ def test_the_odds_are_right_where_nothing_is_tempered() -> None:
     rng = np.random.default_rng(90)
     noise_std = 0.01
     P = np.eye(3) / (1 / PRIOR_STD**2 + 1 / noise_std**2)
-    none, shares = rng.random(20_000) < 0.5, []
+    none, beliefs = rng.random(20_000) < 0.5, []
     for without in none:
         bias = np.zeros(3) if without else PRIOR_STD * rng.standard_normal(3)
         estimate = P @ (bias + noise_std * rng.standard_normal(3)) / noise_std**2
-        shares.append(bias_belief(P, slice(0, 3), estimate, PRIOR_STD**2, temper=1.0).none)
-    # Of those with a belief of so much, so many have none.
+        beliefs.append(bias_belief(P, slice(0, 3), estimate, PRIOR_STD**2, temper=1.0).none)
+    # Had as many none as have one, of those with a belief of so much so many have none.
+    shares = expit(logit(np.array(beliefs)) - logit(PRIOR_AT_NONE))
     for low in np.arange(0.1, 0.9, 0.2):
-        chosen = (np.array(shares) >= low) & (np.array(shares) < low + 0.2)
-        assert abs(np.mean(none[chosen]) - np.mean(np.array(shares)[chosen])) < 0.05
+        chosen = (shares >= low) & (shares < low + 0.2)
+        assert abs(np.mean(none[chosen]) - np.mean(shares[chosen])) < 0.05

@@ -105,6 +105,7 @@ CONSTANTS: tuple[Constant, ...] = (
         ("_WIDER_GATE", (1.0, 3.0)),
         "_RELATIVE_OFFSET",
     ),
+    *_of("core.operations.bias_belief", ("_PRIOR_AT_NONE", (0.5, 0.999))),
     *_of(
         "core.noise.motion_noise",
         "_MEMORY",

@@ -16,15 +16,15 @@ holds it to the same in plain numpy, ``test/twins/dense_robocentric.py``, to 1e-
 A step from stamp k - 1 to k, of tau seconds; where it spans many samples of the twist, 2 to 4 are
 taken sample by sample, and where samples are missing, 3 is left out:
 
-1. Landmarks whose track has ended are marginalized, and enter the map where they have a position.
+1. Landmarks whose track has ended, or that the last frame rejected, are marginalized, and enter
+   the map where they have a position.
 2. The vehicle state takes a random step, ``P <- P + Q``: above all the twist u (white acceleration
    noise), which now stands for the constant twist of this step, and the drift of vision in it.
 3. The prediction's mean twist measures the body's (without a frame in between: unforeseen_walk).
 4. The body moves, and landmarks are warped by the same and the drift, ``P <- F P F^T``: all noise
    is in the vehicle state already. Those that come behind the camera are marginalized before.
 5. The frame's image points correct everything, but for those that gates reject, of a frame or of
-   all of a track's together; the landmarks of these are marginalized before. What is far off for
-   its track counts for less.
+   all of a track's together. What is far off for its track counts for less.
 6. The noise of the motion is learned from what vision has seen of it. Where most of a frame was
    rejected, it is the motion that is wrong: the twist is doubted.
 7. Landmarks seen for the first time are initialized.
@@ -132,7 +132,9 @@ class RobocentricFilter:
         self._state = ErrorState(prior_covariance(settings), SIZE, tape)
         self._marginalized = ImagePointMap(camera)
         self._believed: BiasBelief | None = None  # of the present state
-        self._saw_nothing = False  # in the last frame
+        # Of the last frame: what was rejected, and whether there was nothing.
+        self._rejected: Keys = np.empty(0, dtype=np.int64)
+        self._saw_nothing = False
         self.vehicle = Vehicle()
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.image_points: Array = np.empty((0, 3))
@@ -177,7 +179,7 @@ class RobocentricFilter:
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
         """Take a step, in the order of the text above."""
         behind_camera = self.keys[:0]
-        self._marginalize(is_member(self.keys, frame.ended))
+        self._marginalize(is_member(self.keys, np.concatenate([frame.ended, self._rejected])))
         parts = motions_of(increment)
         if parts:
             self._frame_rate.add(increment.duration)
@@ -197,6 +199,7 @@ class RobocentricFilter:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             self._marginalize(is_member(self.keys, frame.keys))
             outcome = Outcome(rejected=frame.keys[known])
+        self._rejected = outcome.rejected
         P = self._state.vehicle_covariance
         if self._settings.learn_noise and parts and measured is not None and outcome.used:
             learn_motion(self._motion_noise, before, self.vehicle, P, measured, tau)
@@ -278,19 +281,17 @@ class RobocentricFilter:
         return behind_camera
 
     def _correct(self, keys: Keys, slots: Slots, pixels: Array, factors: Array) -> Outcome:
-        """Correct by observations of active landmarks; marginalize those of outliers."""
+        """Correct by observations of active landmarks, but for outliers."""
         if not len(keys):
             return Outcome()
         residual = self._straight(pixels) - self.image_points[slots]
         noise = self._track_noise.variances(slots, factors)
         inliers = self._inliers(slots, residual, noise)
-        residual, noise, rejected = residual[inliers.indices], noise[inliers.indices], keys[:0]
-        if len(residual) < len(keys):
-            rejected = np.delete(keys, inliers.indices)
-            self._marginalize(is_member(self.keys, rejected))
-            slots = indices_of(keys[inliers.indices], self.keys)
-        if not len(slots):
+        rejected = np.delete(keys, inliers.indices)
+        if not len(inliers.indices):
             return Outcome(rejected=rejected)
+        chosen = inliers.indices
+        residual, noise, slots = residual[chosen], noise[chosen], slots[chosen]
         used = self._track_noise.components
         tails = self._track_noise.with_tails(slots, noise, inliers.inverse, inliers.weighted)
         seen, R, R_tails = residual[:, used], noise[:, used], tails[:, used]

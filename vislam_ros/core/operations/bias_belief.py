@@ -1,6 +1,6 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the gyroscope has a bias at all: half of the prior is at none.
+"""Whether the gyroscope has a bias at all: most of the prior is at none.
 
 Few tracks with errors that stay make up a small bias, and over a drive a small bias bends the path
 more than it would be without. So there are two models: the filter's own, with a bias b of prior
@@ -10,6 +10,10 @@ is the density of b at zero after them over that before (Dickey, *The weighted l
 linear hypotheses on normal location parameters*, 1971; the ratio of Savage and Dickey)::
 
     p(data | b = 0) / p(data | b) = N(0; b, P_bb) / N(0; 0, Sigma_0)
+
+Before the data nearly all belief is in none: at the beginning of a drive a few tracks on a car
+that moves, or a motion that the twist tells wrongly for seconds, look like a bias of a usual size,
+and no likelihood tells them apart. A bias that there is stays, and is believed seconds later.
 
 Both are kept: the state that is told is their mean by the share w of belief in none, ``x - w P_xb
 P_bb^-1 b``, and its covariance has the distance between the two in it. To the way back it is one
@@ -34,7 +38,9 @@ from vislam_ros.core.operations.correction import VehicleCorrection
 
 Array = NDArray[np.float64]
 
-# Less belief in no bias than this changes nothing that can be seen.
+# Belief in no bias before the data.
+_PRIOR_AT_NONE = 0.97
+# Less than this changes nothing that can be seen.
 _LEAST_SHARE = 1e-9
 
 
@@ -121,20 +127,20 @@ def bias_belief(
     P_bb = covariance[rows, rows].copy()
     if not prior_variance > 0.0:
         return BiasBelief(0.0, np.zeros((len(covariance), 3)), P_bb, bias)
-    none, information = _weighed(P_bb, bias, prior_variance, temper)
-    return BiasBelief(none, covariance[:, rows] @ information, P_bb, bias)
+    log_ratio, information = _weighed(P_bb, bias, prior_variance, temper)
+    odds = math.exp(min(log_ratio, 500.0)) * _PRIOR_AT_NONE / (1.0 - _PRIOR_AT_NONE)
+    return BiasBelief(odds / (1.0 + odds), covariance[:, rows] @ information, P_bb, bias)
 
 
 @compiled("Tuple((float64, float64[:, ::1]))(float64[:, ::1], float64[::1], float64, float64)")
 def _weighed(
     P_bb: Array, bias: Array, prior_variance: float, temper: float
 ) -> tuple[float, Array]:
-    """Share of the belief in none, and ``P_bb^-1`` (3, 3)."""
+    """How much the data say for none, a logarithm, and ``P_bb^-1`` (3, 3)."""
     information, _ = small_inverse(P_bb)
     prior = np.eye(3) / prior_variance
     covariance, narrowed = small_inverse(prior + (information - prior) / temper)
     vector = information @ bias / temper
     distance = vector @ (covariance @ vector)
     narrowing = math.log(narrowed) + 3.0 * math.log(prior_variance)
-    odds = math.exp(min(0.5 * (narrowing - float(distance)), 500.0))
-    return odds / (1.0 + odds), information
+    return 0.5 * (narrowing - float(distance)), information
