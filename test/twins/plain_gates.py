@@ -42,7 +42,7 @@ def scale_with_tail(error: Array, A: Array, R: Array, own: float) -> float:
         w = information @ error
         of_noise = s**2 * w @ np.diag(R) @ w + s * (r - s * np.trace(information @ np.diag(R)))
         s = max(own, (6 * own + of_noise) / (6 + r))
-    return s
+    return s if s >= 1.5 * own else own
 
 
 def scales_with_tails(residual: Array, S: Array, kept: list[int], R_0: Array, own: Array) -> Array:

@@ -4,6 +4,7 @@
 
 import dataclasses
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from reliability.load.curve import CurvePoint, drive_with, largest_rates
 from reliability.load.images import measure_images
 from reliability.load.latency import Heard, Percentiles, hops, whole_latency
 from reliability.load.offline import offline_trajectory
+from reliability.load.pace import paced_steps
 from reliability.load.pictures import draw_curve, draw_soak
 from reliability.load.play import play_heard
 from reliability.load.processes import cpu_seconds, growth, resident_mb
@@ -74,6 +76,15 @@ def test_percentiles_are_of_all_values() -> None:
     found = Percentiles.of(np.arange(101.0))
     assert (found.p50, found.p99, found.largest, found.count) == (50.0, 99.0, 100.0, 101)
     assert Percentiles.of(np.array([])).count == 0
+
+
+def test_the_step_alone_is_timed_over_the_seconds_asked_for_and_at_the_drives_pace() -> None:
+    drive = drive_with(30, 20)  # at 10 Hz
+    began = time.monotonic()
+    found = paced_steps(drive, 0.95)
+    assert time.monotonic() - began > 0.9
+    assert [steps.count for steps in found.values()] == [10, 10]
+    assert all(0.0 < steps.p50 <= steps.largest for steps in found.values())
 
 
 def test_growth_is_the_slope_after_the_warm_up() -> None:

@@ -16,12 +16,14 @@ from benchmark.machine import describe_machine
 
 from reliability.load.curve import CurvePoint, largest_rates, measure_features
 from reliability.load.latency import Percentiles, hops
+from reliability.load.pace import paced_steps
 from reliability.load.pictures import draw_curve
 from reliability.load.play import play_heard
 from reliability.output import add_output, write_output
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.data.conversion import convert
 from vislam_ros.data.files.whole_file import refuse_existing, replace_file
+from vislam_ros.data.loading import load_drive
 
 _OUT = Path("results") / "load.json"
 _FEATURES = [30, 60, 120, 250, 500, 1000]
@@ -51,6 +53,7 @@ def run_command(arguments: argparse.Namespace) -> int:
         convert(arguments.data, bag)
         played = play_heard(bag, Path(scratch) / "run", 1.0, arguments.drive_seconds)
         latencies = hops(played.messages)
+        latencies |= paced_steps(load_drive(arguments.data), arguments.drive_seconds)
         content["hops_ms"] = {name: vars(value) for name, value in latencies.items()}
         content["cpu"] = played.cpu
         print_hops(latencies)

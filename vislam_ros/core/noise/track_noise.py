@@ -86,6 +86,8 @@ _WIDER_GATE = 1.5
 # The offset grows with the disparity, by this share of it.
 _RELATIVE_OFFSET = 0.02
 
+# From which scale on, over its track's, an observation is far off: of right ones 1 in 17.
+_FAR_OFF = 1.5
 # How often an observation's scale and the estimate are found from each other at most.
 _ROUNDS = 6
 
@@ -318,7 +320,7 @@ class TrackNoise:
 
 @compiled("float64[::1](float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[::1])")
 def _scales_with_tails(D: Array, w: Array, R_0: Array, own: Array) -> Array:
-    """Scales (n,) of noise R_0 (n, r), of which none is smaller than its track's own (n,).
+    """Scales (n,) of noise R_0 (n, r): their track's own (n,), and larger for what is far off.
 
     The covariance ``A + s R_0`` of an innovation given the others is the inverse of its block of
     ``S^-1``, (n, r, r), and ``w_i`` its part of ``S^-1 r``, both worked out with the own scales.
@@ -342,4 +344,6 @@ def _scales_with_tails(D: Array, w: Array, R_0: Array, own: Array) -> Array:
             scales[i] = max(own[i], found)
             if scales[i] == s:
                 break
+        if scales[i] < _FAR_OFF * own[i]:
+            scales[i] = own[i]
     return scales
