@@ -45,7 +45,7 @@ from vislam_ros.data.results.completeness import (
     RecordedSteps,
     counts_from_values,
 )
-from vislam_ros.data.results.recording import STOPPED, Pose, Raw, Recording
+from vislam_ros.data.results.recording import PLAYER_INTERRUPTED, STOPPED, Pose, Raw, Recording
 from vislam_ros.data.results.scene import static_transform
 from vislam_ros.errors import SettingsError
 from vislam_ros.nodes import conversions
@@ -312,7 +312,7 @@ class RecorderNode(Node):
     def _shortfall(self) -> str | None:
         """What keeps the run from being whole."""
         if self._player[0] == "interrupted":
-            return "the player was interrupted"
+            return PLAYER_INTERRUPTED
         if self._player[0] == "finished":
             reason = self._ledger.shortfall(self._steps)
         elif self._player[0] == "absent":

@@ -12,7 +12,7 @@ from vislam_ros.cli.processes import prepared_children
 from vislam_ros.cli.running.drawing import Pictures
 from vislam_ros.cli.running.graph import wait_until_recorded
 from vislam_ros.cli.running.watch import Watch
-from vislam_ros.data.results.recording import Recording
+from vislam_ros.data.results.recording import PLAYER_INTERRUPTED, Recording
 
 
 def test_a_player_that_was_interrupted_and_does_not_leave_holds_nothing_up(tmp_path, monkeypatch):
@@ -20,7 +20,7 @@ def test_a_player_that_was_interrupted_and_does_not_leave_holds_nothing_up(tmp_p
     (tmp_path / "idle.py").write_text("def main():\n    return 0\n")
     results = tmp_path / "run"
     recording = Recording(results, force=True, record_mcap=False)
-    recording.finish(complete=False, reason="the player was interrupted")
+    recording.finish(complete=False, reason=PLAYER_INTERRUPTED)
     view = RunView(lambda *_: None, None)
     with prepared_children({"player": ("idle",)}) as prepared:
         player = prepared["player"]

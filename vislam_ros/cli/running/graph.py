@@ -27,7 +27,7 @@ from vislam_ros.data.bags.calibration import RECTIFIED_RULES
 from vislam_ros.data.bags.layout import LEFT_COMPRESSED
 from vislam_ros.data.files.parameter_file import write_parameters
 from vislam_ros.data.results.completeness import TRACKER
-from vislam_ros.data.results.recording import STOPPED, map_patience
+from vislam_ros.data.results.recording import PLAYER_INTERRUPTED, STOPPED, map_patience
 from vislam_ros.data.results.summary import has_ended, read_summary
 from vislam_ros.data.results.writer import pass_directories
 from vislam_ros.errors import VislamError
@@ -198,7 +198,7 @@ def wait_until_recorded(
             if str(newest["incomplete_reason"]).startswith(STOPPED):
                 raise VislamError("recorder_node was told to end")
             if has_ended(newest):
-                if not newest["complete"]:
+                if newest["incomplete_reason"] == PLAYER_INTERRUPTED:
                     return  # nothing more will come, whether or not the player leaves
                 if not looks_since_the_end and all(each["complete"] for _, each in summaries):
                     pictures.begin([directory for directory, _ in summaries])

@@ -24,7 +24,9 @@ from vislam_ros.data.results.message_log import MessageLog
 from vislam_ros.data.results.scene import Made, Scene
 from vislam_ros.data.results.writer import ResultWriter, pass_directory
 
-#: How the reason begins why a run is incomplete whose recorder was told to end.
+#: Why a run is incomplete whose player was told to end.
+PLAYER_INTERRUPTED = "the player was interrupted"
+#: How the reason begins why one is whose recorder was.
 STOPPED = "the recorder was stopped"
 
 # What CDR begins with, and the stamp that all latched messages have first [bytes].
