@@ -314,6 +314,7 @@ def test_a_non_finite_observation_is_rejected() -> None:
     pixels[3, 1] = np.nan
     outcome = filter_.step(increment(0 * FORWARD), frame_of(filter_.keys, pixels))
     assert 3 in outcome.rejected
+    assert filter_.active == 30 - len(outcome.rejected)
     assert_sound(filter_)
 
 

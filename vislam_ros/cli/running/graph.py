@@ -42,7 +42,7 @@ _LOOKS_A_SUMMARY = 5
 _START_UP_SECONDS = 60.0
 # The recorder waits for the map and then says how the run ended: so much longer than it.
 _SETTLING_SECONDS = 30.0
-_PARTING_SECONDS = 5.0
+_PARTING_SECONDS = 30.0
 
 
 def run_graph(

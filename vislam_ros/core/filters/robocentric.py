@@ -132,7 +132,7 @@ class RobocentricFilter:
         self._state = ErrorState(prior_covariance(settings), SIZE, tape)
         self._marginalized = ImagePointMap(camera)
         self._believed: BiasBelief | None = None  # of the present state
-        # Of the last frame: what was rejected, and whether there was nothing.
+        # Of the last frame: what of the state it rejected, and whether there was nothing in it.
         self._rejected: Keys = np.empty(0, dtype=np.int64)
         self._saw_nothing = False
         self.vehicle = Vehicle()
@@ -168,8 +168,8 @@ class RobocentricFilter:
 
     @property
     def active(self) -> int:
-        """Number of landmarks in the dense block."""
-        return len(self.keys)
+        """Number of landmarks in the dense block that stay."""
+        return len(self.keys) - len(self._rejected)
 
     @property
     def landmark_count(self) -> int:
@@ -178,8 +178,8 @@ class RobocentricFilter:
 
     def step(self, increment: Increment, frame: TrackedFrame) -> Outcome:
         """Take a step, in the order of the text above."""
-        behind_camera = self.keys[:0]
         self._marginalize(is_member(self.keys, np.concatenate([frame.ended, self._rejected])))
+        behind_camera = self._rejected = self.keys[:0]
         parts = motions_of(increment)
         if parts:
             self._frame_rate.add(increment.duration)
@@ -195,11 +195,11 @@ class RobocentricFilter:
         seen = frame.keys[known], slots[known], frame.pixels[known], factors[known]
         try:
             outcome = self._correct(*seen)
+            self._rejected = outcome.rejected
         except np.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             self._marginalize(is_member(self.keys, frame.keys))
             outcome = Outcome(rejected=frame.keys[known])
-        self._rejected = outcome.rejected
         P = self._state.vehicle_covariance
         if self._settings.learn_noise and parts and measured is not None and outcome.used:
             learn_motion(self._motion_noise, before, self.vehicle, P, measured, tau)
@@ -287,10 +287,10 @@ class RobocentricFilter:
         residual = self._straight(pixels) - self.image_points[slots]
         noise = self._track_noise.variances(slots, factors)
         inliers = self._inliers(slots, residual, noise)
-        rejected = np.delete(keys, inliers.indices)
-        if not len(inliers.indices):
-            return Outcome(rejected=rejected)
         chosen = inliers.indices
+        rejected = np.delete(keys, chosen)
+        if not len(chosen):
+            return Outcome(rejected=rejected)
         residual, noise, slots = residual[chosen], noise[chosen], slots[chosen]
         used = self._track_noise.components
         tails = self._track_noise.with_tails(slots, noise, inliers.inverse, inliers.weighted)
