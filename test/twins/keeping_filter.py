@@ -14,7 +14,12 @@ from vislam_ros.core.operations.direct_correction import DirectCorrection
 from vislam_ros.core.operations.error_state import Operation, PoseMark
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
-from vislam_ros.core.operations.transition import RandomWalk, Transition, VehicleTransition
+from vislam_ros.core.operations.transition import (
+    NewBeginning,
+    RandomWalk,
+    Transition,
+    VehicleTransition,
+)
 from vislam_ros.core.smoothing.backward import Smoothed
 
 Array = NDArray[np.float64]
@@ -40,6 +45,10 @@ class KeepingFilter:
     def apply(self, operation: Operation[Any]) -> None:
         if isinstance(operation, RandomWalk):
             self.P[: self.s, : self.s] += operation.noise
+        elif isinstance(operation, NewBeginning):
+            F = np.eye(len(self.P))
+            F[operation.part] = 0.0
+            self.P = F @ self.P @ F.T
         elif isinstance(operation, Transition | VehicleTransition):
             F = self.transition_matrix(operation)
             self.P = F @ self.P @ F.T

@@ -6,19 +6,20 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 
 from vislam_ros.core.linalg.linear_update import (
-    FreshMemory,
-    Scratch,
     correct,
     correct_directly,
     diagonal_blocks,
+    downdate,
     innovation_covariance,
     inverse_of_positive,
+    keep_in_place,
     marginal,
     mirror_lower,
     mirror_upper,
     take,
     whitened,
 )
+from vislam_ros.core.linalg.scratch import Scratch
 
 
 def problem(size, rows):
@@ -124,6 +125,25 @@ def test_diagonal_blocks_are_copies_of_those_of_any_view():
     assert np.all(np.diag(P) != 0.0)
 
 
+@pytest.mark.parametrize("rows", [[], [0], [1, 2, 5], range(7), [3, 4, 6]])
+def test_rows_are_kept_in_the_matrix_own_memory(rows):
+    P = np.random.default_rng(4).standard_normal((7, 7))
+    rows = np.array(rows, dtype=np.int64)
+    expected = P[np.ix_(rows, rows)]
+    kept = keep_in_place(P, rows)
+    np.testing.assert_array_equal(kept, expected)
+    assert kept.flags.c_contiguous
+    assert not len(rows) or np.shares_memory(kept, P)
+
+
+def test_a_downdate_takes_a_square_off_and_stays_symmetric_to_the_last_bit():
+    P, Y, _ = problem(30, 5)
+    expected = P - Y.T @ Y
+    downdate(P, np.asfortranarray(Y.T))
+    assert_allclose(P, expected, atol=1e-12)
+    np.testing.assert_array_equal(P, P.T)
+
+
 def test_components_left_out_leave_the_rest_as_it_was():
     scratch = Scratch()
     P, kept = problem(9, 1)[0], np.array([0, 1, 4, 8])
@@ -137,21 +157,6 @@ def test_components_left_out_leave_the_rest_as_it_was():
 def test_the_inverse_of_nothing_is_nothing(capfd):
     assert inverse_of_positive(np.empty((0, 0))).shape == (0, 0)
     assert capfd.readouterr().out == ""
-
-
-def test_scratch_gives_the_same_memory_again_in_every_size():
-    scratch = Scratch()
-    large = scratch.matrix("a", 20, 30)
-    assert np.shares_memory(large, scratch.matrix("a", 7, 5))
-    assert not np.shares_memory(large, scratch.matrix("b", 7, 5))
-    assert scratch.matrix("a", 100, 50).shape == (100, 50)
-
-
-def test_fresh_memory_is_never_given_twice():
-    fresh = FreshMemory()
-    assert not np.shares_memory(fresh.matrix("a", 4, 5), fresh.matrix("a", 4, 5))
-    P = problem(9, 1)[0]
-    assert not np.shares_memory(fresh.successor(P, 5), fresh.successor(P, 5))
 
 
 def test_mirroring_takes_one_triangle_at_every_size():

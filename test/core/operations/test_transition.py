@@ -6,7 +6,12 @@ import scipy.linalg
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vislam_ros.core.operations.error_state import ErrorState
-from vislam_ros.core.operations.transition import RandomWalk, Transition, VehicleTransition
+from vislam_ros.core.operations.transition import (
+    NewBeginning,
+    RandomWalk,
+    Transition,
+    VehicleTransition,
+)
 
 S = 9
 
@@ -45,6 +50,15 @@ def test_a_vehicle_moves_past_landmarks_that_stay(n: int) -> None:
     F = scipy.linalg.block_diag(A, np.eye(3 * n))
     state.apply(VehicleTransition(A))
     assert_allclose(state.covariance, F @ P @ F.T, rtol=1e-12, atol=1e-12)
+
+
+def test_a_part_that_begins_anew_is_known_and_leaves_the_rest_as_it_was() -> None:
+    state = random_state(np.random.default_rng(3), 2)
+    P, others = state.covariance.copy(), np.delete(np.arange(S + 6), np.arange(8, S))
+    state.apply(NewBeginning(slice(8, S)))
+    assert_array_equal(state.covariance[np.ix_(others, others)], P[np.ix_(others, others)])
+    assert not np.any(state.covariance[8:S])
+    assert not np.any(state.covariance[:, 8:S])
 
 
 def test_a_random_walk_is_the_vehicles_alone() -> None:

@@ -16,7 +16,12 @@ from vislam_ros.core.operations.direct_correction import DirectCorrection
 from vislam_ros.core.operations.error_state import ErrorState, Operation, PoseMark
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization, WorldPositions
-from vislam_ros.core.operations.transition import RandomWalk, Transition, VehicleTransition
+from vislam_ros.core.operations.transition import (
+    NewBeginning,
+    RandomWalk,
+    Transition,
+    VehicleTransition,
+)
 from vislam_ros.core.smoothing.backward import smooth
 from vislam_ros.core.smoothing.tape import Tape
 
@@ -56,7 +61,8 @@ class RandomCourse:
             rng.uniform(0.3, 2.0, s + 1),
             rng.standard_normal((s + 1, s)),
         )
-        return [RandomWalk(0.01 * random_positive(rng, s, s)), measured, moved]
+        begun = [NewBeginning(slice(s - 2, s))] if rng.random() < 0.3 else []
+        return [*begun, RandomWalk(0.01 * random_positive(rng, s, s)), measured, moved]
 
     def corrections(self) -> list[Operation[Any]]:
         rng, n = self.rng, self.landmarks

@@ -128,15 +128,42 @@ def points_of_both(
     if not belief.changes:
         return points
     delta, spread = belief.delta, belief.spread
-    of_points, of_state = belief.gain[rows], belief.gain[POSE_AND_LENS]
-    spread_points, spread_state = of_points @ spread, of_state @ spread
+    of_state = belief.gain[POSE_AND_LENS]
+    own, cross = _with_spread(points.own, points.cross, belief.gain, rows, spread, of_state)
     return ImagePoints(
         y=points.y + delta[rows] + delta[LENS] * radial_shift(camera, points.y),
-        own=points.own + spread_points @ of_points.swapaxes(1, 2),
-        cross=points.cross + spread_points @ of_state.T,
-        pose_and_lens=points.pose_and_lens + spread_state @ of_state.T,
+        own=own,
+        cross=cross,
+        pose_and_lens=points.pose_and_lens + of_state @ spread @ of_state.T,
         T_world_body=points.T_world_body @ se3.exp(delta[POSE]),
     )
+
+
+@compiled(
+    "UniTuple(float64[:, :, ::1], 2)(float64[:, :, ::1], float64[:, :, ::1], float64[:, ::1],"
+    " int64[:, ::1], float64[:, ::1], float64[:, ::1])"
+)
+def _with_spread(
+    own: Array,
+    cross: Array,
+    gain: Array,
+    rows: NDArray[np.int64],
+    spread: Array,
+    of_state: Array,
+) -> tuple[Array, Array]:
+    """Add what two beliefs are apart to points' own covariances, and to those with the state."""
+    own, cross = own.copy(), cross.copy()
+    for i in range(len(rows)):
+        for r in range(3):
+            for k in range(3):
+                apart = 0.0
+                for m in range(3):
+                    apart += gain[rows[i, r], m] * spread[m, k]
+                for c in range(3):
+                    own[i, r, c] += apart * gain[rows[i, c], k]
+                for c in range(len(of_state)):
+                    cross[i, r, c] += apart * of_state[c, k]
+    return own, cross
 
 
 def positions_of_all(

@@ -51,7 +51,7 @@ from vislam_ros.core.filters.image_point_map import (
 from vislam_ros.core.filters.registry import register_estimator
 from vislam_ros.core.filters.robocentric_model import (
     BODY_TWIST_ROWS,
-    FORGET_DRIFT,
+    DRIFT,
     GYRO_BIAS,
     LENS,
     POSE,
@@ -87,7 +87,7 @@ from vislam_ros.core.operations.direct_correction import DirectCorrection, corre
 from vislam_ros.core.operations.error_state import ErrorState, Operation, Recorder, Result
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
-from vislam_ros.core.operations.transition import VehicleTransition
+from vislam_ros.core.operations.transition import NewBeginning
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
 from vislam_ros.core.tracking.tracks import indices_of, is_member
 
@@ -253,7 +253,7 @@ class RobocentricFilter:
     def _walk(self, tau: float) -> tuple[Array, Array]:
         """``P <- P + Q``; return the twist (6,) and its variances (6,) as they stand then."""
         drifting = (self._track_noise.observations_per_independent - 1.0) * self.vehicle.speed
-        self._apply(VehicleTransition(FORGET_DRIFT))
+        self._apply(NewBeginning(DRIFT))
         self._apply(random_walk(self._settings, self._motion_noise.walk_variance, drifting, tau))
         self.vehicle = replace(self.vehicle, drift=np.zeros(3))
         return self.vehicle.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
@@ -296,10 +296,10 @@ class RobocentricFilter:
         tails = self._track_noise.with_tails(slots, noise, inliers.inverse, inliers.weighted)
         seen, R, R_tails = residual[:, used], noise[:, used], tails[:, used]
         inliers = gating.with_more_noise(inliers, (R_tails - R).ravel(), seen)
+        information = inliers.inverse.diagonal().copy()
         self._believed = None
         correction = DirectCorrection(seen, R_tails, slots, used, inliers)
         self._shift(correct_gradually(self._state, correction))
-        information = inliers.inverse.diagonal()
         self._track_noise.update(slots, residual, noise, information, inliers.weighted)
         nis = float(seen.ravel() @ inliers.weighted)
         return Outcome(len(slots), 0, rejected, nis, len(inliers.weighted))

@@ -71,10 +71,6 @@ BODY_TWIST_ROWS[3:, DRIFT] = -np.eye(3)
 TWIST_ROWS: Array = BODY_TWIST_ROWS.copy()
 TWIST_ROWS[3:, GYRO_BIAS] = np.eye(3)
 
-#: A drift is that of one step: at the next it begins anew.
-FORGET_DRIFT: Array = np.eye(SIZE)
-FORGET_DRIFT[DRIFT, DRIFT] = 0.0
-
 # From how many deviations on a measured twist shows a change that its walk did not foresee.
 _UNFORESEEN = 3.0
 # By how much vision turns over a metre where two observations tell as much as one [rad].

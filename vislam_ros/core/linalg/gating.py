@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
 from vislam_ros.core.compiled import compiled
-from vislam_ros.core.linalg.linear_update import diagonal_blocks, take
+from vislam_ros.core.linalg.linear_update import (
+    diagonal_blocks,
+    downdate,
+    innovation_covariance,
+    keep_in_place,
+    take,
+)
 
 Array = NDArray[np.float64]
 
@@ -138,21 +144,27 @@ def deletion_gate(chi2_gate: float, residual: Array, inverse: Array) -> Inliers:
 
 
 def without(inliers: Inliers, wrong: NDArray[np.bool_], residual: Array) -> Inliers:
-    """Leave some (k,) of the innovations (n, r) out: S^-1 is a Schur complement of itself."""
+    """Leave some (k,) of the innovations (n, r) out: S^-1 is a Schur complement of itself.
+
+    It is made in the place of that of the inliers given.
+    """
     r = residual.shape[1]
     stay = np.flatnonzero(np.repeat(~wrong, r))
     go = np.flatnonzero(np.repeat(wrong, r))
-    cross, inverse = np.empty((len(go), len(stay))), np.empty((len(stay), len(stay)))
+    cross, own = np.empty((len(go), len(stay))), np.empty((len(go), len(go)))
     take(inliers.inverse, go, stay, cross)
-    take(inliers.inverse, stay, stay, inverse)
-    white = _whitened(inliers.inverse[np.ix_(go, go)], cross)
-    inverse -= white.T @ white
+    take(inliers.inverse, go, go, own)
+    inverse = keep_in_place(inliers.inverse, stay)
+    if cross.size:
+        downdate(inverse, _whitened(own, cross))
     indices = inliers.indices[~wrong]
     return Inliers(indices, inverse, inverse @ residual[indices].ravel())
 
 
 def with_more_noise(inliers: Inliers, more: Array, residual: Array) -> Inliers:
     """Give the inliers' numbers (k r,) more noise: S^-1 by Woodbury's formula.
+
+    It is made in the place of that of the inliers given.
 
     Parameters
     ----------
@@ -165,19 +177,21 @@ def with_more_noise(inliers: Inliers, more: Array, residual: Array) -> Inliers:
     changed = np.flatnonzero(more)
     if not len(changed):
         return inliers
-    columns = inliers.inverse[changed]
-    inner = columns[:, changed] + np.diag(1.0 / more[changed])
-    white = _whitened(inner, columns)
-    inverse = inliers.inverse - white.T @ white
+    inverse, inner = inliers.inverse, np.empty((len(changed), len(changed)))
+    innovation_covariance(inverse, changed, 1.0 / more[changed], inner)
+    downdate(inverse, _whitened(inner, inverse[changed]))
     return Inliers(inliers.indices, inverse, inverse @ residual.ravel())
 
 
 def _whitened(A: Array, B: Array) -> Array:
-    """``L^-1 B`` (m, n) with ``A = L L^T`` (m, m), so that ``B^T A^-1 B`` is its square."""
+    """``(L^-1 B)^T`` (n, m) with ``A = L L^T`` (m, m): ``B^T A^-1 B`` is it times its transpose.
+
+    It takes the place of B, which is C-ordered, as its transpose is in Fortran's order.
+    """
     factor, failed = lapack.dpotrf(A, lower=1)
     if failed:
         raise scipy.linalg.LinAlgError("a part of S^-1 is not positive")
-    white: Array = blas.dtrsm(1.0, factor, B, lower=1)
+    white: Array = blas.dtrsm(1.0, factor, B.T, side=1, lower=1, trans_a=1, overwrite_b=1)
     return white
 
 

@@ -18,46 +18,16 @@ from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
 from vislam_ros.core.compiled import compiled
+from vislam_ros.core.linalg.scratch import Scratch
 
 Array = NDArray[np.float64]
 
 # Rows of L that are solved for at once. OpenBLAS solves small triangles well and multiplies large
 # matrices well; a whole triangle of some hundred rows takes it half as long again.
 _BLOCK = 48
-# Rows of L that are inverted at once, for the same reason.
-_BLOCK_OF_INVERSE = 40
-
-
-class Scratch:
-    """Matrices that are used again in every step.
-
-    Fresh memory of some hundred kB comes from the kernel page by page, which takes longer than
-    the arithmetic on it.
-    """
-
-    def __init__(self) -> None:
-        self._memory: dict[str, Array] = {}
-
-    def matrix(self, name: str, rows: int, columns: int) -> Array:
-        """Return the matrix of a name in this size, C-ordered, with anything in it."""
-        memory = self._memory.get(name)
-        if memory is None or len(memory) < rows * columns:
-            # Twice what is asked for: sizes come and go.
-            memory = self._memory[name] = np.empty(2 * rows * columns)
-        return memory[: rows * columns].reshape(rows, columns)
-
-    def successor(self, P: Array, size: int) -> Array:
-        """Return a matrix (size, size) for what comes after P, of two that take turns."""
-        name = "second" if P.base is self._memory.get("first") else "first"
-        return self.matrix(name, size, size)
-
-
-class FreshMemory(Scratch):
-    """Scratch that gives new matrices: for whoever keeps what was worked out in them."""
-
-    def matrix(self, name: str, rows: int, columns: int) -> Array:
-        """Return a new matrix, C-ordered, with anything in it."""
-        return np.empty((rows, columns))
+# Rows that LAPACK inverts at once, for the same reason; a half has a multiple of so many.
+_ROWS_OF_INVERSE = 48
+_MULTIPLE = 8
 
 
 def marginal(P: Array, rows: NDArray[np.int64], scratch: Scratch) -> Array:
@@ -139,9 +109,22 @@ def correct(P: Array, S: Array, HP: Array, residual: Array) -> Corrected:
             trans_a=1,
             overwrite_b=1,
         )
+    downdate(P, Y_T)
+    return Corrected(Y_T @ whitened, whitened, Y_T.T, L)
+
+
+def downdate(P: Array, Y_T: Array) -> None:
+    """``P <- P - Y^T Y`` in place, symmetric to the last bit.
+
+    Parameters
+    ----------
+    P : ndarray, (D, D)
+        Symmetric, C-ordered.
+    Y_T : ndarray, (D, m)
+        In Fortran order, or it is copied.
+    """
     blas.dsyrk(-1.0, Y_T, beta=1.0, c=P.T, lower=1, overwrite_c=1)
     mirror_upper(P)
-    return Corrected(Y_T @ whitened, whitened, Y_T.T, L)
 
 
 def inverse_of_positive(S: Array) -> Array:
@@ -157,22 +140,31 @@ def inverse_of_positive(S: Array) -> Array:
     scipy.linalg.LinAlgError
         Where S is not positive.
     """
-    if not len(S):
-        return S
-    L = _lower_factor(S, clean=1)
-    # Z = L^-1 in the place of L, by rows of blocks:
-    # Z_ij = -L_ii^-1 (L_i0 Z_0j + ... + L_i,i-1 Z_i-1,j).
-    for begin in range(0, len(S), _BLOCK_OF_INVERSE):
-        end = min(begin + _BLOCK_OF_INVERSE, len(S))
-        own, _ = lapack.dtrtri(L[begin:end, begin:end], lower=1)
-        L[begin:end, begin:end] = own
-        if begin:
-            solved = -own @ L[begin:end, :begin]
-            np.matmul(solved, L[:begin, :begin], out=L[begin:end, :begin])
-    # S^-1 = Z^T Z.
-    product, _ = lapack.dlauum(L, lower=1, overwrite_c=1)
-    mirror_lower(product)
-    return cast(Array, product.T)
+    if len(S):
+        _invert(S)
+        mirror_lower(S)
+    return S
+
+
+def _invert(S: Array) -> None:
+    """Put the inverse in the place of S, by halves: products are what BLAS is fastest at.
+
+    With ``S = [A B^T; B C]``, ``X = B A^-1`` and Schur's complement ``C' = C - X B^T`` the inverse
+    is ``[A^-1 + X^T C'^-1 X, -(C'^-1 X)^T; -C'^-1 X, C'^-1]``. S is positive where A and C' are.
+    """
+    if len(S) <= _ROWS_OF_INVERSE:
+        S[:], _ = lapack.dpotri(_lower_factor(S.T.copy()), lower=1, overwrite_c=1)
+        mirror_lower(S)
+        return
+    half = _MULTIPLE * -(-len(S) // (2 * _MULTIPLE))
+    A, B, C = S[:half, :half], S[half:, :half], S[half:, half:]
+    _invert(A)
+    X = B @ A
+    C -= X @ B.T
+    _invert(C)
+    np.matmul(-C, X, out=B)
+    A -= X.T @ B
+    S[:half, half:] = B.T
 
 
 @compiled(
@@ -303,6 +295,21 @@ def take(P: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], out: Arr
             _copy(P[rows[i], first : first + length], out[i, runs[k] : runs[k + 1]])
 
 
+def keep_in_place(P: Array, rows: NDArray[np.int64]) -> Array:
+    """Keep some rows (k,), ascending, and the same columns of a matrix, in its own memory."""
+    _move_together(P.reshape(-1), len(P), rows)
+    return P.reshape(-1)[: len(rows) ** 2].reshape(len(rows), len(rows))
+
+
+@compiled("void(float64[::1], int64, int64[::1])")
+def _move_together(numbers: Array, size: int, rows: NDArray[np.int64]) -> None:
+    # What is written never lies behind what is still to be read.
+    k = len(rows)
+    for i in range(k):
+        for j in range(k):
+            numbers[i * k + j] = numbers[rows[i] * size + rows[j]]
+
+
 @compiled(
     "void(float64[:, ::1], int64[::1], int64[::1], float64[::1], float64[:, ::1],"
     " float64[:, ::1], float64[:, ::1])"
@@ -369,12 +376,9 @@ def diagonal_blocks(matrix: Array, r: int) -> Array:
     return blocks
 
 
-def _lower_factor(S: Array, clean: int = 0) -> Array:
-    """Cholesky factor L (m, m) in its lower triangle, made in the place of a C-ordered S.
-
-    Where it is to be clean there are zeros above it.
-    """
-    L, failed_at = lapack.dpotrf(S.T, lower=1, clean=clean, overwrite_a=1)
+def _lower_factor(S: Array) -> Array:
+    """Cholesky factor L (m, m) in its lower triangle, made in the place of a C-ordered S."""
+    L, failed_at = lapack.dpotrf(S.T, lower=1, clean=0, overwrite_a=1)
     if failed_at:
         raise scipy.linalg.LinAlgError(f"S is not positive at its row {failed_at}")
     return cast(Array, L)

@@ -180,7 +180,8 @@ class TrackNoise:
     def of_new_tracks(self, y: Array, factors: Array | float = 1.0) -> Array:
         """Covariances (n, 3, 3) of the first image points (n, 3) of tracks, square pixels."""
         variances = self.level * np.broadcast_to(factors, len(y))[:, None] * self._variances
-        noise = variances[:, :, None] * np.eye(3)
+        noise = np.zeros((len(y), 3, 3))
+        noise.reshape(-1, 9)[:, ::4] = variances
         if self.has_offsets:
             # Left and right go together, but for the offset.
             noise[:, :2, :2] = noise[:, :1, :1]
@@ -216,15 +217,10 @@ class TrackNoise:
         if not self._learns:
             return variances
         used = self.components
-        own = self._scale(indices)
-        R_0 = variances / own[:, None]
-        scales = _scales_with_tails(
-            diagonal_blocks(inverse, len(used)),
-            weighted.reshape(-1, len(used)),
-            np.ascontiguousarray(R_0[:, used]),
-            own,
-        )
-        return variances * (scales / own)[:, None]
+        blocks = diagonal_blocks(inverse, len(used))
+        own, w = self._scale(indices), weighted.reshape(-1, len(used))
+        larger: Array = _with_tails(blocks, w, variances, used, own)
+        return larger
 
     def expected(self, variances: Array, y: Array) -> Array:
         """Variances (n, 3) that innovations at image points (n, 3) add to those of the state."""
@@ -279,21 +275,15 @@ class TrackNoise:
         if not self._learns:
             return
         used = self.components
-        numbers = len(used)
-        scale = self._scale(indices)
-        R = variances[:, used]
-        w, D = weighted.reshape(-1, numbers), information.reshape(-1, numbers)
-        from_noise = np.sum(D * R, axis=1)
-        self._noise[indices] += scale * (np.sum(w * w * R, axis=1) - from_noise + numbers)
-        self._observed[indices] += numbers
-
+        shape = len(indices), len(used)
+        of_tracks = self._noise, self._observed
+        w, D = weighted.reshape(shape), information.reshape(shape)
+        excess, from_noise = _learn(*of_tracks, indices, residual, variances, used, w, D)
         self._frames += 1
-        excess = float(weighted @ residual[:, used].ravel()) - len(weighted)
         frames = min(self._frames + _PRIOR_FRAMES, self._rate.frames(_MEMORY))
-        change = excess / (frames * float(np.sum(from_noise)))
-        change = min(max(change, -_LARGEST_CHANGE), _LARGEST_CHANGE)
+        change = min(max(excess / (frames * from_noise), -_LARGEST_CHANGE), _LARGEST_CHANGE)
         self.level = math.exp(min(max(math.log(self.level) + change, -_LIMIT), _LIMIT))
-        self._judge_offsets(indices, residual[:, 0] - residual[:, 1])
+        self._judge_offsets(indices, residual)
 
     def _scale(self, indices: NDArray[np.int64]) -> Array:
         """Scales (n,) of tracks' own noise."""
@@ -306,44 +296,97 @@ class TrackNoise:
         disparity: Array = y[:, 0] - y[:, 1]
         return self._offset_variance + np.square(_RELATIVE_OFFSET * disparity)
 
-    def _judge_offsets(self, indices: NDArray[np.int64], error: Array) -> None:
-        """Learn from the disparities' innovations (n,) whether their errors stay."""
-        last = self._last_error[indices]
-        self._last_error[indices] = error
-        compared = np.isfinite(last)
-        count = int(np.count_nonzero(compared))
+    def _judge_offsets(self, indices: NDArray[np.int64], residual: Array) -> None:
+        """Learn from the disparities' innovations whether their errors stay."""
+        count, staying = _compare_errors(self._last_error, indices, residual)
         if count:
-            staying = int(np.count_nonzero(np.abs(error - last) < _STAYS * np.abs(last)))
             self._errors = min(self._errors + count, _ERRORS_REMEMBERED)
             self._staying += (staying - count * self._staying) / self._errors
 
 
-@compiled("float64[::1](float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[::1])")
-def _scales_with_tails(D: Array, w: Array, R_0: Array, own: Array) -> Array:
-    """Scales (n,) of noise R_0 (n, r): their track's own (n,), and larger for what is far off.
+@compiled(
+    "UniTuple(float64, 2)(float64[::1], float64[::1], int64[::1], float64[:, ::1],"
+    " float64[:, ::1], int64[::1], float64[:, ::1], float64[:, ::1])"
+)
+def _learn(
+    noise: Array,
+    observed: Array,
+    indices: NDArray[np.int64],
+    residual: Array,
+    variances: Array,
+    used: NDArray[np.int64],
+    w: Array,
+    D: Array,
+) -> tuple[float, float]:
+    """Learn the tracks' own noise; return ``r^T S^-1 r - dim r`` and ``tr(S^-1 R)``."""
+    excess, all_from_noise = 0.0, 0.0
+    for i in range(len(indices)):
+        track, squares, from_noise = indices[i], 0.0, 0.0
+        for k in range(len(used)):
+            R = variances[i, used[k]]
+            squares += w[i, k] * w[i, k] * R
+            from_noise += D[i, k] * R
+            excess += w[i, k] * residual[i, used[k]] - 1.0
+        all_from_noise += from_noise
+        noise[track] += noise[track] / observed[track] * (squares - from_noise + len(used))
+        observed[track] += len(used)
+    return excess, all_from_noise
+
+
+@compiled("UniTuple(int64, 2)(float64[::1], int64[::1], float64[:, ::1])")
+def _compare_errors(last: Array, indices: NDArray[np.int64], residual: Array) -> tuple[int, int]:
+    """Count the disparities' errors that have one before them, and those that stay near it."""
+    count, staying = 0, 0
+    for i in range(len(indices)):
+        error, before = residual[i, 0] - residual[i, 1], last[indices[i]]
+        last[indices[i]] = error
+        if math.isfinite(before):
+            count += 1
+            staying += abs(error - before) < _STAYS * abs(before)
+    return count, staying
+
+
+@compiled("float64(float64, float64, int64)")
+def _posterior_scale(own: float, expected: float, r: int) -> float:
+    """Scale of an observation of r numbers by what is expected of it and its track's own."""
+    return (_PRIOR_NUMBERS * own + expected) / (_PRIOR_NUMBERS + r)
+
+
+@compiled(
+    "float64[:, ::1](float64[:, :, ::1], float64[:, ::1], float64[:, ::1], int64[::1],"
+    " float64[::1])"
+)
+def _with_tails(
+    D: Array, w: Array, variances: Array, used: NDArray[np.int64], own: Array
+) -> Array:
+    """Variances (n, 3) by their track's own scales (n,), and larger of what is far off.
 
     The covariance ``A + s R_0`` of an innovation given the others is the inverse of its block of
     ``S^-1``, (n, r, r), and ``w_i`` its part of ``S^-1 r``, both worked out with the own scales.
     """
     n, r = w.shape
-    scales = own.copy()
+    larger = variances.copy()
     for i in range(n):
-        C, _ = small_inverse(D[i])
-        residual = C @ w[i]
-        for _ in range(_ROUNDS):
-            s = scales[i]
-            S = C.copy()
+        expected = r * own[i]
+        for k in range(r):
+            expected += own[i] * variances[i, used[k]] * (w[i, k] * w[i, k] - D[i, k, k])
+        scale = max(own[i], _posterior_scale(own[i], expected, r))
+        if scale == own[i]:
+            continue
+        A, _ = small_inverse(D[i])
+        residual = A @ w[i]
+        for _ in range(1, _ROUNDS):
+            S, ratio = A.copy(), scale / own[i]
             for k in range(r):
-                S[k, k] += (s - own[i]) * R_0[i, k]
+                S[k, k] += (ratio - 1.0) * variances[i, used[k]]
             inverse, _ = small_inverse(S)
             weighted = inverse @ residual
-            expected = r * s
+            expected = r * scale
             for k in range(r):
-                expected += s * s * R_0[i, k] * (weighted[k] * weighted[k] - inverse[k, k])
-            found = (_PRIOR_NUMBERS * own[i] + expected) / (_PRIOR_NUMBERS + r)
-            scales[i] = max(own[i], found)
-            if scales[i] == s:
-                break
-        if scales[i] < _FAR_OFF * own[i]:
-            scales[i] = own[i]
-    return scales
+                R = ratio * variances[i, used[k]]
+                expected += scale * R * (weighted[k] * weighted[k] - inverse[k, k])
+            scale = max(own[i], _posterior_scale(own[i], expected, r))
+        if scale >= _FAR_OFF * own[i]:
+            for k in range(3):
+                larger[i, k] *= scale / own[i]
+    return larger

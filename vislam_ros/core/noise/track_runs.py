@@ -13,6 +13,8 @@ running sum (Page, *Continuous inspection schemes*, 1954).
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.compiled import compiled
+
 Array = NDArray[np.float64]
 
 
@@ -51,8 +53,24 @@ class TrackRuns:
         ndarray, (n,)
             ``|sum|^2 / n``, chi-square with r degrees of freedom where the track does not slide.
         """
-        self._sums[indices[:, None], components] += white
-        self._frames[indices] += 1.0
-        sums = self._sums[indices[:, None], components]
-        distance: Array = np.sum(sums * sums, axis=1) / self._frames[indices]
-        return distance
+        distances: Array = _add_frame(self._sums, self._frames, indices, components, white)
+        return distances
+
+
+@compiled("float64[::1](float64[:, ::1], float64[::1], int64[::1], int64[::1], float64[:, ::1])")
+def _add_frame(
+    sums: Array,
+    frames: Array,
+    indices: NDArray[np.int64],
+    components: NDArray[np.int64],
+    white: Array,
+) -> Array:
+    distances = np.zeros(len(indices))
+    for i in range(len(indices)):
+        track = indices[i]
+        frames[track] += 1.0
+        for k in range(len(components)):
+            sums[track, components[k]] += white[i, k]
+            distances[i] += sums[track, components[k]] ** 2
+        distances[i] /= frames[track]
+    return distances

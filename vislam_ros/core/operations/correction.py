@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.linalg.linear_update import (
     Corrected,
-    Scratch,
     correct,
     diagonal_blocks,
     take,
     whitened,
 )
+from vislam_ros.core.linalg.scratch import Scratch
 from vislam_ros.core.operations.error_state import ErrorState, Operation
 
 Array = NDArray[np.float64]

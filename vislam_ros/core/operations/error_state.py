@@ -16,7 +16,8 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.linalg.linear_update import Scratch, diagonal_blocks
+from vislam_ros.core.linalg.linear_update import diagonal_blocks
+from vislam_ros.core.linalg.scratch import Scratch
 
 Array = NDArray[np.float64]
 Result = TypeVar("Result")

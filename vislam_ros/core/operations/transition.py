@@ -3,7 +3,8 @@
 """Propagation of the error state: ``P <- F P F^T + Q``, the report's eq. 28, 34 and 65-67.
 
 Q is a :class:`RandomWalk` of the vehicle state. F is a :class:`VehicleTransition` where landmarks
-stay as they are, in the world, and a :class:`Transition` where they move with the camera.
+stay as they are, in the world, a :class:`Transition` where they move with the camera, and a
+:class:`NewBeginning` where a part of the vehicle state begins anew.
 """
 
 from dataclasses import dataclass
@@ -34,6 +35,24 @@ class RandomWalk(Operation[None]):
         """Add the noise."""
         P_vv = state.vehicle_covariance
         P_vv += self.noise
+
+
+@dataclass(frozen=True)
+class NewBeginning(Operation[None]):
+    """A part of the vehicle state begins anew, at a value that is known: F is zero there.
+
+    Attributes
+    ----------
+    part : slice
+    """
+
+    part: slice
+
+    def forward(self, state: ErrorState) -> None:
+        """Leave no error in it."""
+        P = state.covariance
+        P[self.part] = 0.0
+        P[:, self.part] = 0.0
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.linalg.linear_update import FreshMemory
+from vislam_ros.core.linalg.scratch import FreshMemory
 from vislam_ros.core.operations.correction import Correction, VehicleCorrection
 from vislam_ros.core.operations.direct_correction import DirectCorrection
 from vislam_ros.core.operations.error_state import ErrorState, Operation, PoseMark
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
-from vislam_ros.core.operations.transition import RandomWalk, Transition, VehicleTransition
+from vislam_ros.core.operations.transition import (
+    NewBeginning,
+    RandomWalk,
+    Transition,
+    VehicleTransition,
+)
 from vislam_ros.core.smoothing.adjoint import Adjoint, Backward
 from vislam_ros.core.smoothing.correction_adjoints import (
     CorrectionAdjoint,
@@ -32,6 +37,7 @@ from vislam_ros.core.smoothing.correction_adjoints import (
 from vislam_ros.core.smoothing.operation_adjoints import (
     InitializationAdjoint,
     MarginalizationAdjoint,
+    NewBeginningAdjoint,
     PoseMarkAdjoint,
     RandomWalkAdjoint,
     TransitionAdjoint,
@@ -45,6 +51,7 @@ Array = NDArray[np.float64]
 _ADJOINTS: dict[type[Operation[Any]], Callable[[Any, ErrorState], Backward]] = {
     RandomWalk: RandomWalkAdjoint,
     VehicleTransition: VehicleTransitionAdjoint,
+    NewBeginning: NewBeginningAdjoint,
     Transition: TransitionAdjoint,
     Correction: CorrectionAdjoint,
     VehicleCorrection: VehicleCorrectionAdjoint,

@@ -16,7 +16,12 @@ from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.operations.error_state import ErrorState, PoseMark
 from vislam_ros.core.operations.initialization import Initialization
 from vislam_ros.core.operations.marginalization import Marginalization
-from vislam_ros.core.operations.transition import RandomWalk, Transition, VehicleTransition
+from vislam_ros.core.operations.transition import (
+    NewBeginning,
+    RandomWalk,
+    Transition,
+    VehicleTransition,
+)
 from vislam_ros.core.smoothing.adjoint import Adjoint, moved_by
 
 Array = NDArray[np.float64]
@@ -30,6 +35,21 @@ class RandomWalkAdjoint:
 
     def backward(self, later: Adjoint) -> Adjoint:
         """Return what is said after it as it is."""
+        return later
+
+
+class NewBeginningAdjoint:
+    """What is said of a part that began anew says nothing of what it was before."""
+
+    def __init__(self, operation: NewBeginning, state: ErrorState):
+        state.apply(operation)
+        self._part = operation.part
+
+    def backward(self, later: Adjoint) -> Adjoint:
+        """Take what is said after the beginning to before it."""
+        later.vector[self._part] = 0.0
+        later.matrix[self._part] = 0.0
+        later.matrix[:, self._part] = 0.0
         return later
 
 
