@@ -19,9 +19,11 @@ from typing import Any
 
 import threadpoolctl
 from benchmark import step_times
+from benchmark.battery.ablation import measure_ablation
 from benchmark.battery.measuring import measure_battery
 from benchmark.battery.rows import all_rows, quick_rows
 from benchmark.battery.trials import TrialSettings
+from benchmark.bench_arguments import ABLATION, BATTERY, bench_parser
 from benchmark.consistency.noise_redrawn import redraw
 from benchmark.consistency.simulated_drives import CELLS, SMALL_DISPARITY, MonteCarlo
 from benchmark.consistency.track_errors import disparity_errors
@@ -35,9 +37,8 @@ from benchmark.recorded_drive import first_steps
 from benchmark.report_table import print_report
 
 from vislam_ros.cli.exit_codes import FAILED, INTERRUPTED, OK
-from vislam_ros.cli.grammar.shared import NO_OVERRIDES
 from vislam_ros.cli.parameters import run_parameters
-from vislam_ros.core.filters.registry import estimator_named, estimator_names
+from vislam_ros.core.filters.registry import estimator_named
 from vislam_ros.core.filters.settings import ObservationSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.files.json_file import write_json
@@ -45,15 +46,12 @@ from vislam_ros.data.files.whole_file import refuse_existing
 from vislam_ros.data.loading import load_drive
 from vislam_ros.data.simulation.file import write_simulated
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
-from vislam_ros.data.sweeps.worker_pool import available_cores
 from vislam_ros.data.trajectory import Trajectory, read_tum
 from vislam_ros.errors import VislamError
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = Path(os.environ.get("VISLAM_SHARED_DATA", REPOSITORY.parent / "shared" / "data"))
 LONG_DRIVE = SHARED_DATA / "10_synthetic.npz"
-OUT = Path("results/bench.json")
-BATTERY = "battery"  # folder beside it
 
 # Where there is no such drive, one that is much like it.
 SIMULATED = SimulationSettings(
@@ -186,16 +184,13 @@ class Bench:
             estimator_named(slam.estimator).smoothable and isinstance(slam, ObservationSettings)
         ):
             raise LeftOut(f"{slam.estimator} cannot be smoothed")
-        rows = disparity_errors(self._drive, slam, prediction)
-        return {"data": self._drive.name, "tracks": rows}
+        errors = disparity_errors(self._drive, slam, prediction)
+        return {"data": self._drive.name, "tracks": errors}
 
     def redrawn(self) -> Report:
         """Consistency on a drive, and on the same with the noise of tracks and twists redrawn."""
         redrawn = redraw(
-            self._drive,
-            self._needed_reference,
-            *self._settings,
-            self._seeds,
+            *(self._drive, self._needed_reference, *self._settings, self._seeds),
             on_progress=self._progress("redrawn"),
         )
         return {"data": self._drive.name, "redrawn": redrawn}
@@ -220,6 +215,19 @@ class Bench:
         )
         self.notes += battery.notes
         return {"battery": battery.rows, "battery_groups": battery.groups}
+
+    def ablation(self) -> Report:
+        """The battery without each mechanism, unsmoothed; an hour, and only where it is named."""
+        ablation, notes = measure_ablation(
+            self._arguments.out.parent / ABLATION,
+            quick_rows() if self._quick else all_rows(),
+            TrialSettings(SHARED_DATA, *self._settings, smooth=False),
+            seeds=1,
+            jobs=self._arguments.jobs,
+            force=self._arguments.force,
+        )
+        self.notes += notes
+        return {"ablation": ablation}
 
     @cached_property
     def _files(self) -> tuple[Path, Path | None]:
@@ -263,14 +271,14 @@ SECTIONS: dict[str, Callable[[Bench], Report]] = {
     "redrawn": Bench.redrawn,
     "frontend": Bench.frontend,
     "battery": Bench.battery,
+    "ablation": Bench.ablation,
 }
-# What runs when none is named: the battery takes about half an hour on two cores.
-_USUAL = [name for name in SECTIONS if name != "battery"]
 
 
 def main(argv: list[str] | None = None) -> int:
     """Measure, print and write; return the exit code."""
-    arguments = _parser().parse_args(argv)
+    sections = {name: section.__doc__ or "" for name, section in SECTIONS.items()}
+    arguments = bench_parser(__doc__, sections).parse_args(argv)
     try:
         refuse_existing(arguments.out, force=arguments.force)
         report = measure(arguments)
@@ -280,9 +288,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
-        print(
-            "interrupted: the battery's rows are kept, and the same call goes on", file=sys.stderr
-        )
+        _say("interrupted: the battery's rows are kept, and the same call goes on")
         return INTERRUPTED
     print_report(report)
     print(f"written to {arguments.out}")
@@ -312,79 +318,6 @@ def measure(arguments: argparse.Namespace) -> Report:
 
 def _say(what: str) -> None:
     print(what, file=sys.stderr, flush=True)
-
-
-def _sections(text: str) -> list[str]:
-    names = text.split(",")
-    if not set(names) <= set(SECTIONS):
-        raise argparse.ArgumentTypeError(f"{text}: name some of {', '.join(SECTIONS)}")
-    return names
-
-
-def _parser() -> argparse.ArgumentParser:
-    width = max(map(len, SECTIONS))
-    sections = [f"  {name:{width}}  {section.__doc__}" for name, section in SECTIONS.items()]
-    parser = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="\n".join(["sections:", *sections]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add: Callable[..., Any] = parser.add_argument
-    add(
-        "--only",
-        type=_sections,
-        default=_USUAL,
-        metavar="SECTION,SECTION",
-        help="these sections, as named below (all but battery)",
-    )
-    add("--quick", action="store_true", help="fewer repeats and sizes, to see that all works")
-    add("--data", type=Path, metavar="FILE", help="dataset or bag, for what needs a drive")
-    add("--reference", type=Path, metavar="REF.tum", help="its reference, if not beside it")
-    add(
-        "--peer-steps",
-        type=int,
-        default=1000,
-        metavar="N",
-        help="first steps of the drive with which every peer runs (1000); a few run whole",
-    )
-    add(
-        "--seeds",
-        type=int,
-        default=20,
-        metavar="N",
-        help="drives of each kind, for consistency and redrawn (20)",
-    )
-    add(
-        "--battery-seeds",
-        type=int,
-        default=3,
-        metavar="N",
-        help="subsets of tracks or draws of noise of each of the battery's rows (3)",
-    )
-    add(
-        "--beside",
-        type=Path,
-        metavar="DIR",
-        help="the battery's folder of another run, whose errors are put beside",
-    )
-    add("--jobs", type=int, default=available_cores(), metavar="N", help="of battery (all cores)")
-    add("--params", type=Path, metavar="FILE", help="ROS parameter file (config/ekf.yaml)")
-    add("--estimator", choices=estimator_names())
-    add(
-        "--out",
-        type=Path,
-        default=OUT,
-        metavar="FILE",
-        help=f"({OUT}); the battery's rows, table.md and battery.png lie in {BATTERY}/ beside it, "
-        "and an interrupted battery goes on from there",
-    )
-    add(
-        "--force",
-        action="store_true",
-        help="replace FILE, and a battery's rows of other settings or code",
-    )
-    parser.set_defaults(**NO_OVERRIDES)
-    return parser
 
 
 if __name__ == "__main__":

@@ -9,7 +9,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bench import _parser
+import pytest
+from bench import SECTIONS
+from benchmark.bench_arguments import bench_parser
 from places import REPOSITORY
 
 from vislam_ros.data.simulation.file import write_simulated
@@ -110,17 +112,19 @@ def test_the_battery_leaves_its_files_beside_the_report_and_goes_on_from_them(
     )
 
 
-def test_the_battery_runs_only_where_it_is_named() -> None:
-    assert "battery" not in _parser().parse_args([]).only
-    assert _parser().parse_args(["--only", "battery"]).only == ["battery"]
+@pytest.mark.parametrize("name", ["battery", "ablation"])
+def test_what_takes_long_runs_only_where_it_is_named(name: str) -> None:
+    parser = bench_parser(None, dict.fromkeys(SECTIONS, ""))
+    assert name not in parser.parse_args([]).only
+    assert parser.parse_args(["--only", name]).only == [name]
 
 
 def test_an_unknown_section_is_wrong_usage() -> None:
     result = bench("--only", "floor,roof")
     assert result.returncode == 2
     assert (
-        "floor, dense, growth, drives, peers, consistency, tracks, redrawn, frontend, battery"
-        in result.stderr
+        "floor, dense, growth, drives, peers, consistency, tracks, redrawn, frontend, battery, "
+        "ablation" in result.stderr
     )
 
 

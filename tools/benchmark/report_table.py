@@ -38,6 +38,21 @@ BATTERY_GROUPS: Columns = (
     ("to_beside", "estimate / the other", "{:.3f}"),
     ("smoothed_to_beside", "smoothed / the other", "{:.3f}"),
 )
+#: One mechanism that is switched off, by groups of the battery's rows.
+ABLATION: Columns = (
+    ("name", "without", "{}"),
+    ("whole drives", "whole", "{:.3f}"),
+    ("quarters", "quarters", "{:.3f}"),
+    ("clean twist", "clean", "{:.3f}"),
+    ("sliding tracks", "sliding", "{:.3f}"),
+    ("simulated drives", "drives", "{:.3f}"),
+    ("simulated walks", "walks", "{:.3f}"),
+    ("simulated flights", "flights", "{:.3f}"),
+    ("gyroscope alone", "gyroscope", "{:.3f}"),
+    ("images", "images", "{:.3f}"),
+    ("all", "all", "{:.3f}"),
+    ("worse", "worse rows", "{}"),
+)
 
 _PEERS: Columns = (
     ("name", "", "{}"),
@@ -180,6 +195,7 @@ _TABLES: dict[str, tuple[str, Columns]] = {
     "peers_first_steps": ("On the same tracks, first steps: every peer", _PEERS),
     "battery": ("The battery: errors per cent of the path, means over the seeds", BATTERY_ROWS),
     "battery_groups": ("Groups of the battery, geometric means of ratios", BATTERY_GROUPS),
+    "ablation": ("Error without each mechanism over that with it, geometric means", ABLATION),
 }
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import vislam_ros.core
 import vislam_ros.data
 from benchmark import recorded_drive
-from benchmark.battery import changes, rooms, rows, trials
+from benchmark.battery import changes, mechanisms, rooms, rows, trials
 from benchmark.battery.markdown import markdown
 from benchmark.battery.picture import draw_battery
 from benchmark.battery.rows import BatteryRow
@@ -32,7 +32,7 @@ TABLE, PICTURE = "table.md", "battery.png"
 
 # What decides a trial's figures, besides its settings.
 _PACKAGES = (vislam_ros.core, vislam_ros.data)
-_MODULES = (recorded_drive, changes, rooms, rows, trials)
+_MODULES = (recorded_drive, changes, mechanisms, rooms, rows, trials)
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def _content(path: Path) -> Any:
 
 def _identity(settings: TrialSettings) -> dict[str, Any]:
     """What makes two batteries one: settings and code."""
-    chosen = settings.slam, settings.prediction, settings.smooth
+    chosen = settings.slam, settings.prediction, settings.smooth, settings.without
     return {"settings": repr(chosen), "code": _digest_of_code()}
 
 

@@ -16,6 +16,7 @@ import threadpoolctl
 
 from benchmark.battery.changes import quarter_of, with_clean_twist, with_sliding_tracks
 from benchmark.battery.imaged import recorded_images, simulated_images
+from benchmark.battery.mechanisms import mechanism_named
 from benchmark.battery.rooms import FLIGHT, WALK, simulate_in_room
 from benchmark.battery.rows import (
     RECORDED_IMAGES,
@@ -58,12 +59,13 @@ class Trial:
 
 @dataclass(frozen=True)
 class TrialSettings:
-    """What all trials share."""
+    """What all trials share; ``without`` names a mechanism that is switched off."""
 
     data: Path
     slam: SlamSettings
     prediction: PredictionSettings
     smooth: bool = True
+    without: str | None = None
 
 
 def trials_of(rows: Sequence[BatteryRow], seeds: int) -> list[Trial]:
@@ -85,7 +87,7 @@ def run_trial(settings: TrialSettings, trial: Trial) -> Row:
     row: Row = {"key": trial.key, "error": None}
     begin = time.process_time()
     try:
-        with threadpoolctl.threadpool_limits(1):
+        with threadpoolctl.threadpool_limits(1), mechanism_named(settings.without).off():
             figures = _figures(settings, trial)
         # JSON has no NaN and no infinity; such a figure is not known.
         row.update({k: None if _is_infinite(v) else v for k, v in figures.items()})
@@ -102,7 +104,10 @@ def _is_infinite(value: Any) -> bool:
 def _figures(settings: TrialSettings, trial: Trial) -> dict[str, Any]:
     drive, reference = drive_of(settings.data, trial)
     fraction = trial.row.percent / 100 if isinstance(trial.row, Recorded) else 1.0
-    slam = dataclasses.replace(settings.slam, feature_fraction=fraction, seed=trial.seed)
+    changed = mechanism_named(settings.without).settings
+    slam = dataclasses.replace(
+        settings.slam, feature_fraction=fraction, seed=trial.seed, **changed
+    )
     source = "gyro" if trial.row.gyro else None
     solution = solve(
         drive, slam, settings.prediction, motion_source=source, smooth=settings.smooth

@@ -309,7 +309,7 @@ class RobocentricFilter:
         gate = self._track_noise.gate(self._settings.chi2_gate)
         own = self._state.landmark_covariances()[slots]
         expected = self._track_noise.expected(noise, self.image_points[slots])
-        np.einsum("nii->ni", own)[:] += expected
+        own.reshape(-1, 9)[:, ::4] += expected
         alone = np.flatnonzero(gating.passes_gates(residual, own, gate, self._settings.pixel_gate))
         used = self._track_noise.components
         numbers = alone[:, None], used

@@ -153,8 +153,7 @@ class Tracks:
         TrackedFrame
         """
         # What comes from a message may be read-only, which compiled loops do not take.
-        ids = np.require(ids, np.uint32, "W")
-        pixels = np.require(pixels, np.float32, "W")
+        ids, pixels = np.array(ids, np.uint32), np.array(pixels, np.float32)
         if np.any(ids[1:] < ids[:-1]):
             order = np.argsort(ids)
             ids, pixels = ids[order], pixels[order]

@@ -7,32 +7,13 @@ import pytest
 from benchmark.battery import measuring
 from benchmark.battery.measuring import Battery, measure_battery, read_rows
 from benchmark.battery.rows import BatteryRow, Recorded, Simulated
-from benchmark.battery.trials import Trial, TrialSettings
+from benchmark.battery.trials import TrialSettings
 
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings
-from vislam_ros.data.sweeps.log import SweepLog
-from vislam_ros.data.sweeps.run import Row
 from vislam_ros.errors import VislamError
 
 ROWS: list[BatteryRow] = [Simulated("walk", 6), Recorded("0022"), Simulated("flight", 6)]
-
-
-@pytest.fixture
-def ran(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Keys of the trials that run, in this process and in no time."""
-    keys: list[str] = []
-
-    def run(log: SweepLog, _: object, missing: list[Trial], jobs: int) -> None:
-        assert jobs == 2
-        for trial in missing:
-            keys.append(trial.key)
-            row: Row = {"key": trial.key, "error": None}
-            row |= dict.fromkeys(("estimate_percent", "dead_reckoning_percent"), 2.0)
-            log.append(row | dict.fromkeys(("estimate_m", "dead_reckoning_m"), 1.0))
-
-    monkeypatch.setattr(measuring, "_run", run)
-    return keys
 
 
 def battery(

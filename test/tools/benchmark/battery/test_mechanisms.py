@@ -1,0 +1,47 @@
+# Copyright the vislam_ros contributors
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from benchmark.battery.mechanisms import MECHANISMS
+from benchmark.battery.rows import Simulated
+from benchmark.battery.trials import Trial, TrialSettings, run_trial
+
+from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
+from vislam_ros.core.settings import PredictionSettings
+
+TRIAL = Trial(Simulated("walk", 6, gyro=True), 0)
+SETTINGS = TrialSettings(
+    Path("nowhere"), RobocentricSettings(), PredictionSettings(), smooth=False
+)
+
+
+def figures(without: str | None) -> dict[str, Any]:
+    row = run_trial(replace(SETTINGS, without=without), TRIAL)
+    assert row["error"] is None
+    return {name: value for name, value in row.items() if name != "cpu_s"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["learned noise", "heavy tails", "sums of innovations", "tempered bias", "bias against none"],
+)
+def test_without_a_mechanism_the_estimate_is_another_and_afterwards_it_is_as_before(
+    name: str,
+) -> None:
+    before = figures(None)
+    without = figures(name)
+    assert without["estimate_m"] != before["estimate_m"]
+    assert without["dead_reckoning_m"] == before["dead_reckoning_m"]
+    assert figures(None) == before
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_each_mechanism_can_be_switched_off(name: str) -> None:
+    mechanism = MECHANISMS[name]
+    settings = replace(RobocentricSettings(), **mechanism.settings)
+    assert (settings != RobocentricSettings()) == bool(mechanism.settings)
+    with mechanism.off():
+        pass
