@@ -18,6 +18,9 @@ from vislam_ros.core.operations.error_state import ErrorState, Operation
 
 Array = NDArray[np.float64]
 
+# Of a symmetric product only the lower triangle is worked out, but for so many rows at once.
+_ROWS_AT_ONCE = 64
+
 
 @dataclass(frozen=True)
 class RandomWalk(Operation[None]):
@@ -101,7 +104,9 @@ class Transition(Operation[None]):
         m = len(P) - s
         P_vv, P_vL, left, right = _moved_with_vehicle(P, s, Y, D, self.coupling)
         rest = state.scratch.matrix("work", m, m)
-        np.matmul(left.T, right, out=rest)
+        for begin in range(0, m, _ROWS_AT_ONCE):
+            end = min(begin + _ROWS_AT_ONCE, m)
+            np.matmul(left[:, begin:end].T, right[:, :end], out=rest[begin:end, :end])
         _move_landmarks(P, s, D, rest)
         P[:s, :s] = A @ P_vv @ A.T
         mirror_lower(P[:s, :s])
@@ -150,11 +155,13 @@ def _moved_with_vehicle(
     _times_transposed(Y[:, s:], D, right[2 * r :])
     P_vL = np.empty((s, m))
     _times_transposed(rows[:, s:], D, P_vL)
-    for j in range(m):
-        for k in range(r):
-            left[r + k, j] = right[k, j] = C[j // 3, j % 3, used[k]]
-            left[k, j] = P_vL[6 + used[k], j]
-        for k in range(2 * r, 2 * r + k_Y):
+    for k in range(r):
+        left[k] = P_vL[6 + used[k]]
+        for i in range(len(C)):
+            for c in range(3):
+                left[r + k, 3 * i + c] = right[k, 3 * i + c] = C[i, c, used[k]]
+    for k in range(2 * r, 2 * r + k_Y):
+        for j in range(m):
             left[k, j] = -right[k, j]
     for i in range(s):
         for k in range(r):
@@ -171,20 +178,19 @@ def _moved_with_vehicle(
 @compiled("void(float64[:, ::1], int64, float64[:, :, ::1], float64[:, ::1])")
 def _move_landmarks(P: Array, s: int, D: Array, rest: Array) -> None:
     """``P_LL <- D P_LL D^T + rest`` by the lower triangle, for D of blocks (n, 3, 3)."""
-    P_LL, half = P[s:, s:], np.empty((3, 3))
+    P_LL, half = P[s:, s:], np.empty((3, 3 * len(D)))
     for i in range(len(D)):
-        rows = slice(3 * i, 3 * i + 3)
-        for j in range(i + 1):
-            columns = slice(3 * j, 3 * j + 3)
-            own, mirrored, more = P_LL[rows, columns], P_LL[columns, rows], rest[rows, columns]
-            for r in range(3):
+        own = P_LL[3 * i : 3 * i + 3]
+        for r in range(3):
+            for k in range(3 * i + 3):
+                half[r, k] = (
+                    D[i, r, 0] * own[0, k] + D[i, r, 1] * own[1, k] + D[i, r, 2] * own[2, k]
+                )
+        for r in range(3):
+            row = 3 * i + r
+            for j in range(i + 1):
+                x, y, z = half[r, 3 * j], half[r, 3 * j + 1], half[r, 3 * j + 2]
                 for c in range(3):
-                    half[r, c] = 0.0
-                    for k in range(3):
-                        half[r, c] += D[i, r, k] * own[k, c]
-            for r in range(3):
-                for c in range(3):
-                    moved = more[r, c]
-                    for k in range(3):
-                        moved += half[r, k] * D[j, c, k]
-                    own[r, c] = mirrored[c, r] = moved
+                    moved = rest[row, 3 * j + c]
+                    moved += D[j, c, 0] * x + D[j, c, 1] * y + D[j, c, 2] * z
+                    own[r, 3 * j + c] = P_LL[3 * j + c, row] = moved
