@@ -1,7 +1,8 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What slam_node says of its steps, and what is read of that."""
+"""What slam_node says of its steps and of its estimate, and what is read of that."""
 
+import copy
 import json
 import re
 
@@ -15,8 +16,9 @@ from vislam_ros.core.step import StepTotals
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.core.verdict.reason import Judgement, Word
 from vislam_ros.data.bags import decoding
-from vislam_ros.data.bags.layout import DEFAULT_FRAMES
+from vislam_ros.data.bags.layout import DEFAULT_FRAMES, DIAGNOSTICS, LANDMARKS, ODOMETRY
 from vislam_ros.nodes import conversions
+from vislam_ros.nodes.slam_node import SlamNode
 from vislam_ros.nodes.slam_report import (
     PREVIOUS,
     SlamReport,
@@ -25,6 +27,9 @@ from vislam_ros.nodes.slam_report import (
     verdict_from_values,
     verdict_values,
 )
+
+WELL, WARN = b"\x00", b"\x01"
+PERIOD = 100_000_000
 
 
 @pytest.fixture
@@ -154,3 +159,81 @@ def test_diagnostics_tell_the_verdict_on_the_steps_and_on_those_before(report, c
     values = texts(report.values())
     assert verdict_from_values(values) is None
     assert verdict_from_values(values, PREVIOUS) == core.previous_verdict
+
+
+def values_of(message):
+    return conversions.status_values(message, "/slam_node")
+
+
+def give_all(node, drive):
+    for prediction in drive.predictions:
+        node.on_prediction(prediction)
+    for features in drive.features:
+        node.on_features(features)
+
+
+def at(message, stamp):
+    """Return the same message with another stamp (ns)."""
+    result = copy.deepcopy(message)
+    result.header.stamp = conversions.stamp_to_message(stamp)
+    return result
+
+
+def test_the_verdict_on_a_pass_goes_out_before_its_map_when_the_next_one_begins(
+    make_node, capture, drive
+):
+    node = make_node(SlamNode)
+    order, published = [], capture(node)
+    keep = node.monitor.publish
+
+    def noted(publisher, message):
+        order.append(publisher.topic_name)
+        keep(publisher, message)
+
+    node.monitor.publish = noted
+    drive.calibrate(node)
+    give_all(node, drive)
+    verdict, already = node.core.verdict(), len(order)
+    give_all(node, drive)
+    beginning = order[already:]
+    assert beginning.index(DIAGNOSTICS.recorded) < beginning.index(LANDMARKS.recorded)
+    told = [verdict_from_values(values_of(m), PREVIOUS) for m in published[DIAGNOSTICS.recorded]]
+    assert told[-1] == verdict
+    assert verdict.stamp == drive.stamps[-1]
+
+
+def test_diagnostics_warn_while_vision_is_missing_and_are_well_when_it_is_back(
+    make_node, capture, drive
+):
+    node = make_node(SlamNode)
+    published = capture(node)
+
+    def reported():
+        node.monitor.report()
+        return published[DIAGNOSTICS.recorded][-1]
+
+    drive.calibrate(node)
+    for prediction in drive.predictions:
+        node.on_prediction(prediction)
+    for features in drive.features[:6]:
+        node.on_features(features)
+    assert reported().status[0].level == WELL
+
+    late = drive.stamps[5] + 4_000_000_000
+    for stamp in range(drive.stamps[-1] + PERIOD, late + PERIOD // 2, PERIOD):
+        node.on_prediction(at(drive.predictions[-1], stamp))
+    status = reported().status[0]
+    assert status.level == WARN
+    assert status.message.startswith(
+        "running; doubtful: vision was missing for 4.0 s, 0.5 s after"
+    )
+
+    for k in range(3):
+        node.on_prediction(at(drive.predictions[-1], late + (k + 1) * PERIOD))
+        node.on_features(at(drive.features[6 + k], late + k * PERIOD))
+    assert len(published[ODOMETRY.recorded]) == 9
+    message = reported()
+    assert (message.status[0].level, message.status[0].message) == (WELL, "running")
+    # That it was missing remains true of the drive.
+    assert values_of(message)["verdict"] == "doubtful"
+    assert values_of(message)["verdict reason 1"].startswith("vision was missing for 4.")

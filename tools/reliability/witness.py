@@ -4,15 +4,14 @@
 
 import signal
 import sys
-import threading
 from typing import Any
 
 import rclpy
 from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
 
 from vislam_ros.data.bags.decoding import stamp_of
 from vislam_ros.data.bags.layout import ODOMETRY
+from vislam_ros.nodes.spin import spinning
 from vislam_ros.nodes.topics import STREAM
 
 READY = "ready"
@@ -28,14 +27,9 @@ def main() -> None:
     rclpy.init()
     node = rclpy.create_node("witness")
     node.create_subscription(Odometry, ODOMETRY.name, _say, STREAM)
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    thread = threading.Thread(target=executor.spin)
-    thread.start()
-    print(READY)
-    sys.stdin.read()
-    executor.shutdown()
-    thread.join()
+    with spinning(node):
+        print(READY)
+        sys.stdin.read()
     node.destroy_node()
     rclpy.shutdown()
 

@@ -6,6 +6,7 @@ import atexit
 import gc
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -21,6 +22,7 @@ from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from rclpy.utilities import remove_ros_args, try_shutdown
 
 from vislam_ros.errors import VislamError, one_line
@@ -102,6 +104,29 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     return 0
+
+
+@contextmanager
+def spinning(node: Node) -> Iterator[None]:
+    """Let a thread spin a node while the block runs.
+
+    The thread is told first and the executor shut down when it has ended: an executor that is shut
+    down destroys what wakes it, and a thread that is about to wait just then fails, or waits until
+    some message comes.
+    """
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    is_over = Future()
+    thread = threading.Thread(
+        target=executor.spin_until_future_complete, args=(is_over,), name="executor"
+    )
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set_result(None)
+        thread.join()
+        executor.shutdown()
 
 
 def init_ros(args: list[str] | None = None) -> None:

@@ -3,15 +3,16 @@
 """A bag, a player of it and a listener."""
 
 import threading
+from contextlib import ExitStack
 
 import pytest
 from live.listening import STEPS, WAIT, Listener
-from rclpy.executors import SingleThreadedExecutor
 
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.writer import write_bag
 from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
 from vislam_ros.nodes.player.player import Player
+from vislam_ros.nodes.spin import spinning
 
 
 @pytest.fixture(scope="module")
@@ -35,24 +36,15 @@ def bag(bag_path):
 @pytest.fixture
 def listen(context):
     """Make a listener that a thread spins."""
-    executor = SingleThreadedExecutor(context=context)
-    thread = threading.Thread(target=executor.spin)
-    nodes = []
+    with ExitStack() as listeners:
 
-    def start(**options):
-        node = Listener(context, **options)
-        nodes.append(node)
-        executor.add_node(node)
-        if not thread.is_alive():
-            thread.start()
-        return node
+        def start(**options):
+            node = Listener(context, **options)
+            listeners.callback(node.destroy_node)
+            listeners.enter_context(spinning(node))
+            return node
 
-    yield start
-    executor.shutdown()
-    if thread.is_alive():
-        thread.join(WAIT)
-    for node in nodes:
-        node.destroy_node()
+        yield start
 
 
 @pytest.fixture

@@ -8,13 +8,11 @@ clock), its bytes, and, of a step, the latency that slam_node told (ms).
 
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 
 from reliability.load.latency import OF_DRIVES, OF_IMAGES
@@ -22,6 +20,7 @@ from vislam_ros.data.bags.decoding import stamp_of
 from vislam_ros.data.bags.layout import STEPS, Topic
 from vislam_ros.nodes.conversions import status_values
 from vislam_ros.nodes.slam_report import row_from_values
+from vislam_ros.nodes.spin import spinning
 from vislam_ros.nodes.topics import STREAM, message_class
 
 READY = "ready"
@@ -54,14 +53,9 @@ def main() -> None:
     for topic in OF_IMAGES if sys.argv[1:] == [IMAGES] else OF_DRIVES:
         cls = message_class(topic.msgtype)
         node.create_subscription(cls, topic.name, _teller(topic, heard), STREAM, raw=True)
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    thread = threading.Thread(target=executor.spin)
-    thread.start()
-    print(READY, flush=True)
-    sys.stdin.read()
-    executor.shutdown()
-    thread.join()
+    with spinning(node):
+        print(READY, flush=True)
+        sys.stdin.read()
     for one in heard:
         _say(*one)
     node.destroy_node()

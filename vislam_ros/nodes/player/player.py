@@ -9,16 +9,14 @@ all that it sent has arrived.
 
 import functools
 import struct
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
@@ -41,6 +39,7 @@ from vislam_ros.nodes.player.options import PlayOptions, PlayReport
 from vislam_ros.nodes.player.outlets import Outlet, make_outlets, sought_by, split_rules
 from vislam_ros.nodes.player.read_ahead import read_ahead
 from vislam_ros.nodes.player.window import FeatureWindow
+from vislam_ros.nodes.spin import spinning
 from vislam_ros.nodes.steady import steady_timer
 from vislam_ros.nodes.topics import LATCHED, STREAM
 
@@ -142,7 +141,7 @@ class Player(Node):
         Returns when all is delivered, or soon after ``clock.interrupt()``.
         """
         report = self.report
-        with self._spinning():
+        with spinning(self):
             self._wait_for_subscribers()
             self.clock.wait_for(lambda: False, self.options.delay)
             self._graph.begin()
@@ -355,19 +354,6 @@ class Player(Node):
 
     def _on_odometry(self, message: Odometry) -> None:
         self._window.acknowledge(stamp_of(message.header))
-
-    @contextmanager
-    def _spinning(self) -> Iterator[None]:
-        """Answer services and hear the odometry in a thread while the block runs."""
-        executor = SingleThreadedExecutor(context=self.context)
-        executor.add_node(self)
-        thread = threading.Thread(target=executor.spin, name="player executor")
-        thread.start()
-        try:
-            yield
-        finally:
-            executor.shutdown()
-            thread.join()
 
 
 def _header_stamp(data: bytes) -> int | None:
