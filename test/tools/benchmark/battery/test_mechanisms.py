@@ -26,7 +26,7 @@ def figures(without: str | None) -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     "name",
-    ["learned noise", "heavy tails", "sums of innovations", "tempered bias", "bias against none"],
+    ["learned noise", "gates", "sums of innovations", "tempered bias", "bias against none"],
 )
 def test_without_a_mechanism_the_estimate_is_another_and_afterwards_it_is_as_before(
     name: str,
