@@ -277,8 +277,7 @@ SECTIONS: dict[str, Callable[[Bench], Report]] = {
 
 def main(argv: list[str] | None = None) -> int:
     """Measure, print and write; return the exit code."""
-    sections = {name: section.__doc__ or "" for name, section in SECTIONS.items()}
-    arguments = bench_parser(__doc__, sections).parse_args(argv)
+    arguments = _parser().parse_args(argv)
     try:
         refuse_existing(arguments.out, force=arguments.force)
         report = measure(arguments)
@@ -318,6 +317,12 @@ def measure(arguments: argparse.Namespace) -> Report:
 
 def _say(what: str) -> None:
     print(what, file=sys.stderr, flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    return bench_parser(
+        __doc__, {name: section.__doc__ or "" for name, section in SECTIONS.items()}
+    )
 
 
 if __name__ == "__main__":

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bench import SECTIONS
-from benchmark.bench_arguments import bench_parser
+from bench import _parser
 from places import REPOSITORY
 
 from vislam_ros.data.simulation.file import write_simulated
@@ -114,9 +113,8 @@ def test_the_battery_leaves_its_files_beside_the_report_and_goes_on_from_them(
 
 @pytest.mark.parametrize("name", ["battery", "ablation"])
 def test_what_takes_long_runs_only_where_it_is_named(name: str) -> None:
-    parser = bench_parser(None, dict.fromkeys(SECTIONS, ""))
-    assert name not in parser.parse_args([]).only
-    assert parser.parse_args(["--only", name]).only == [name]
+    assert name not in _parser().parse_args([]).only
+    assert _parser().parse_args(["--only", name]).only == [name]
 
 
 def test_an_unknown_section_is_wrong_usage() -> None:
