@@ -171,6 +171,18 @@ def test_a_child_that_stands_still_is_seen_until_it_goes_on(start):
     assert (child.exit_code, child.is_stopped) == (0, False)
 
 
+def test_a_child_whose_end_another_thread_is_told_meanwhile_does_not_stand_still(
+    start, monkeypatch
+):
+    child = start(POLITE)
+    wait_until_ready(child)
+    child.ask_to_end()
+    os.waitpid(child.pid, 0)
+    with monkeypatch.context() as just_before:
+        just_before.setattr(processes.Child, "exit_code", None)
+        assert not child.is_stopped
+
+
 @pytest.fixture
 def prepare(tmp_path, monkeypatch):
     """Prepare a program as the child "ready"; it is gone after the test."""

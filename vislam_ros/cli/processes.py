@@ -127,7 +127,9 @@ class Child:
         if self.exit_code is not None:
             return False
         waiting = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
-        return os.waitid(os.P_PID, self.pid, waiting) is not None
+        with suppress(ChildProcessError):  # it has ended meanwhile, and another thread was told
+            return os.waitid(os.P_PID, self.pid, waiting) is not None
+        return False
 
     def died(self) -> VislamError:
         """Return the error for a child that should still run."""

@@ -154,6 +154,19 @@ def test_components_left_out_leave_the_rest_as_it_was():
     assert np.array_equal(rest, P[np.ix_(kept, kept)])
 
 
+def test_the_inverse_stays_positive_where_a_few_directions_are_hardly_known() -> None:
+    # Image points before the motion is known: all that they share is known to 3000 pixels.
+    rng = np.random.default_rng(8)
+    shared = rng.standard_normal((330, 6))
+    S = 1e7 * shared @ shared.T + 5e-3 * np.eye(330)
+    inverse = inverse_of_positive(S.copy())
+    assert np.all(np.linalg.eigvalsh(inverse) > -1e-6)
+    # What the others do not tell of a number is its own noise.
+    assert_allclose(1.0 / inverse.diagonal(), 5e-3, rtol=0.2)
+    noise = np.sqrt(5e-3) * rng.standard_normal(330)
+    assert noise @ inverse @ noise == pytest.approx(330 - 6, rel=0.2)
+
+
 def test_the_inverse_of_nothing_is_nothing(capfd):
     assert inverse_of_positive(np.empty((0, 0))).shape == (0, 0)
     assert capfd.readouterr().out == ""

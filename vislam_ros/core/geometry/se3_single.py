@@ -11,8 +11,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.compiled import compiled
-
 Array = NDArray[np.float64]
 
 SMALL_ANGLE = 1e-2
@@ -119,20 +117,23 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
     )
 
 
-@compiled("float64[:, ::1](float64[:])")
 def right_jacobian(xi: Array) -> Array:
     """Right Jacobian (6, 6) of :func:`exp` at a tangent (6,).
 
     A polynomial of fourth degree in ``ad(-xi)``, by the theorem of Cayley and Hamilton (Barfoot
     2017, eq. 7.86).
     """
-    x, y, z = -xi[3], -xi[4], -xi[5]
-    A = np.zeros((6, 6))
-    for i in (0, 3):
-        A[i, i + 1], A[i, i + 2], A[i + 1, i + 2] = -z, y, -x
-        A[i + 1, i], A[i + 2, i], A[i + 2, i + 1] = z, -y, x
-    A[0, 4], A[0, 5], A[1, 5] = xi[2], -xi[1], xi[0]
-    A[1, 3], A[2, 3], A[2, 4] = -xi[2], xi[1], -xi[0]
+    a, b, c, x, y, z = (-xi).tolist()
+    A = np.array(
+        [
+            [0, -z, y, 0, -c, b],
+            [z, 0, -x, c, 0, -a],
+            [-y, x, 0, -b, a, 0],
+            [0, 0, 0, 0, -z, y],
+            [0, 0, 0, z, 0, -x],
+            [0, 0, 0, -y, x, 0],
+        ]
+    )
     a2 = x * x + y * y + z * z
     if a2 < _SMALL_ANGLE_OF_JACOBIAN**2:
         a4 = a2 * a2
@@ -149,8 +150,7 @@ def right_jacobian(xi: Array) -> Array:
         c4 = (2 * a2 - 3 * s + a2 * k) / (2 * a2 * a2 * a2)
     A2 = A @ A
     J = c1 * A + c2 * A2 + A2 @ (c3 * A + c4 * A2)
-    for i in range(6):
-        J[i, i] += 1.0
+    J.ravel()[::7] += 1.0
     return J
 
 
