@@ -294,6 +294,7 @@ class RobocentricFilter:
         residual, noise, slots = residual[chosen], noise[chosen], slots[chosen]
         used = self._track_noise.components
         seen = residual[:, used]
+        # A correction in parts works where this inverse lies.
         information = inliers.inverse.diagonal().copy()
         self._believed = None
         correction = DirectCorrection(seen, noise[:, used], slots, used, inliers)

@@ -16,7 +16,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.linalg.linear_update import diagonal_blocks
+from vislam_ros.core.linalg.linear_update import diagonal_blocks, downdate
 from vislam_ros.core.linalg.scratch import Scratch
 
 Array = NDArray[np.float64]
@@ -106,7 +106,7 @@ class ErrorState:
     def covariance(self) -> Array:
         """The covariance P (s + 3 n, s + 3 n), no copy."""
         if self._downdate is not None:
-            self._P -= self._downdate.T @ self._downdate
+            downdate(self._P, self._downdate.T)
             self._downdate = None
         return self._P
 
