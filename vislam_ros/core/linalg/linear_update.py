@@ -296,7 +296,7 @@ def keep_in_place(P: Array, rows: NDArray[np.int64]) -> Array:
 
 @compiled("void(float64[::1], int64, int64[::1])")
 def _move_together(numbers: Array, size: int, rows: NDArray[np.int64]) -> None:
-    # What is written never lies behind what is still to be read.
+    # Each number goes to where it was read, or before it: nothing is read after it is overwritten.
     k = len(rows)
     for i in range(k):
         for j in range(k):
