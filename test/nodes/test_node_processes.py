@@ -4,6 +4,7 @@
 
 import functools
 import json
+import shutil
 import signal
 from contextlib import suppress
 
@@ -93,6 +94,20 @@ def test_signals_end_a_node_with_0_and_without_a_traceback(processes, probe, sig
     assert process.returncode == 0, errors
     assert "Traceback" not in errors
     assert "time_jumb: no such parameter, it has no effect; did you mean time_jump?" in errors
+
+
+def test_a_recorder_that_cannot_write_any_more_says_why_without_a_traceback(
+    processes, probe, tmp_path
+):
+    directory = tmp_path / "recorded"
+    process = processes.start("nodes.recorder_node", "--ros-args", "-p", f"directory:={directory}")
+    wait_until(lambda: probe.count_subscribers(ODOMETRY.name), "the start of the node")
+    shutil.rmtree(directory.rename(tmp_path / "deleted"))
+    _, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 1
+    assert "Traceback" not in errors
+    assert "Exception" not in errors
+    assert errors.splitlines()[-1].startswith(f"error: {directory}")
 
 
 class Source(Node):

@@ -1,21 +1,34 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
+import functools
 import threading
-from collections.abc import Callable
+import time
 from typing import Any
 
 import pytest
+from live.node_processes import wait_until
 from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from std_msgs.msg import Empty
 
+from vislam_ros.nodes import spin
 from vislam_ros.nodes.spin import spinning
 
 WAIT = 10.0
 
 
-def test_a_thread_answers_until_the_block_ends(context: Context) -> None:
+# The latter where rclpy is older than 7.1.4.
+both_executors = pytest.mark.parametrize("executor", [EventsExecutor, SingleThreadedExecutor])
+
+
+@both_executors
+def test_a_thread_answers_until_the_block_ends(
+    context: Context, monkeypatch: pytest.MonkeyPatch, executor: Any
+) -> None:
+    monkeypatch.setattr(spin, "EventsExecutor", executor)
     node = Node("spun", context=context)
     heard = threading.Event()
     node.create_subscription(Empty, "said", lambda _: heard.set(), 1)
@@ -28,40 +41,35 @@ def test_a_thread_answers_until_the_block_ends(context: Context) -> None:
     node.destroy_node()
 
 
-@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_thread_that_is_about_to_wait_when_it_is_to_end_ends(
-    context: Context, monkeypatch: pytest.MonkeyPatch
+@both_executors
+def test_what_comes_for_a_subscription_that_is_gone_by_then_ends_nothing(
+    context: Context, monkeypatch: pytest.MonkeyPatch, executor: Any
 ) -> None:
+    monkeypatch.setattr(spin, "EventsExecutor", executor)
     node = Node("spun", context=context)
-    node.create_subscription(Empty, "never_said", lambda _: None, 1)
-    about_to_wait, is_told = threading.Event(), threading.Event()
-    can_execute = SingleThreadedExecutor.can_execute
+    heard: list[str] = []
+    matched = SubscriptionEventCallbacks(matched=lambda _: None)
+    short_lived = [
+        node.create_subscription(Empty, "short", lambda _: None, 1, event_callbacks=matched)
+    ]
+    publisher = node.create_publisher(Empty, "said", 1)
 
-    def slow_can_execute(executor: SingleThreadedExecutor, entity: Any) -> bool:
-        """Be in the middle of gathering what is to be waited for."""
-        about_to_wait.set()
-        assert is_told.wait(WAIT)
-        return bool(can_execute(executor, entity))
+    def hear(_: Empty) -> None:
+        if short_lived:
+            node.create_publisher(Empty, "short", 1).publish(Empty())
+            subscription = short_lived.pop()
+            end = time.monotonic() + WAIT
+            while not subscription.get_publisher_count() and time.monotonic() < end:
+                time.sleep(0.01)
+            node.destroy_subscription(subscription)
+        heard.append("said")
 
-    def telling(tell: Callable[..., Any]) -> Callable[..., Any]:
-        def told(*arguments: Any) -> Any:
-            done = tell(*arguments)
-            is_told.set()
-            return done
+    def has_heard(times: int) -> bool:
+        return len(heard) == times
 
-        return told
-
-    monkeypatch.setattr(SingleThreadedExecutor, "can_execute", slow_can_execute)
-
-    def spin_shortly() -> None:
-        with spinning(node):
-            assert about_to_wait.wait(WAIT)
-            for name in ("wake", "shutdown"):
-                told = telling(getattr(SingleThreadedExecutor, name))
-                monkeypatch.setattr(SingleThreadedExecutor, name, told)
-
-    spun = threading.Thread(target=spin_shortly, daemon=True)
-    spun.start()
-    spun.join(WAIT)
-    assert not spun.is_alive()
+    node.create_subscription(Empty, "said", hear, 1)
+    with spinning(node):
+        for number in (1, 2):
+            publisher.publish(Empty())
+            wait_until(functools.partial(has_heard, number), "the answer")
     node.destroy_node()

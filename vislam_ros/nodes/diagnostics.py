@@ -41,7 +41,7 @@ _CHECK_PERIOD = 0.2
 class Monitor:
     """Keeps a node alive whatever it is sent, and says on /diagnostics what that was.
 
-    Only an :class:`OutputError` goes through: a node that cannot write any more has to end.
+    Only an :class:`OutputError` is kept: a node that cannot write any more has to end.
 
     Parameters
     ----------
@@ -55,6 +55,8 @@ class Monitor:
     ----------
     refused : RefusalCounts
         Messages that were not used.
+    failure : OutputError or None
+        What keeps the node from going on; whoever spins it ends it.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class Monitor:
         self._classes: dict[str, Any] = {}
         self._received: Counter[str] = Counter()
         self.refused = RefusalCounts()
+        self.failure: OutputError | None = None
         self._uncounted = {DIAGNOSTICS.name}
         self._absorbed: dict[str, Counter[str]] = {}
         self._last_report = time.monotonic()
@@ -123,7 +126,7 @@ class Monitor:
         callback : callable
             Called with the message and, ``with_data``, with its CDR bytes.
         with_data : bool
-            Of whoever records: topics stay in step.
+            As whoever records wants it.
         counted : bool
             Whether its messages are :attr:`inputs`; what is repeated for ever is none.
         """
@@ -133,7 +136,7 @@ class Monitor:
         self._classes[topic.name] = message_class(topic.msgtype)
         self._callbacks[topic.name] = callback if with_data else lambda msg, _data: callback(msg)
         self._inputs[topic.name] = MatchingSubscription(
-            self._node, topic, functools.partial(self.take, topic), in_step=with_data
+            self._node, topic, functools.partial(self.take, topic)
         )
 
     def take(self, topic: Topic, data: bytes) -> None:
@@ -146,8 +149,8 @@ class Monitor:
         except RefusedMessage as error:
             stamp = decoding.stamp_if_known(message)
             self.refuse(error.refusal, str(error), topic.stream, stamp)
-        except OutputError:
-            raise
+        except OutputError as error:
+            self.failure = error
         except Exception as error:
             self._fail(topic.name, error)
 
@@ -157,8 +160,8 @@ class Monitor:
         def guarded(*arguments: Any) -> None:
             try:
                 callback(*arguments)
-            except OutputError:
-                raise
+            except OutputError as error:
+                self.failure = error
             except Exception as error:
                 self._fail(name, error)
 
@@ -176,10 +179,10 @@ class Monitor:
         def on_request(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
                 response.message, response.success = handler(), True
-            except OutputError:
-                raise
             except VislamError as error:
                 response.message, response.success = str(error), False
+                if isinstance(error, OutputError):
+                    self.failure = error
             except Exception as error:
                 response.message, response.success = f"internal error: {error!r}", False
                 self.refuse(Refusal.INTERNAL_ERROR, f"{name}: {traceback.format_exc()}")

@@ -21,9 +21,6 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from vislam_ros.data.bags.layout import Topic
 from vislam_ros.nodes.topics import message_class, qos_overrides, qos_profile
 
-# Looking what is ready costs as much as to take several messages. But a service waits meanwhile.
-_AT_ONCE = 16
-
 # As rclpy has it for nodes that it has not heard of yet, and for other programs.
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
@@ -74,8 +71,6 @@ class MatchingSubscription:
     topic : Topic
     callback : callable
         Called with the bytes of each message.
-    in_step : bool, optional
-        Whether to take one message at a time, so that topics stay as they were sent.
 
     Raises
     ------
@@ -88,16 +83,13 @@ class MatchingSubscription:
         node: Node,
         topic: Topic,
         callback: Callable[[bytes], None],
-        *,
-        in_step: bool = False,
     ):
         self._node = node
         self._topic = topic
         self._callback = callback
-        self._at_once = 1 if in_step else _AT_ONCE
         self._second: Subscription | None = None
         with qos_overrides(topic.name) as overrides:
-            self._first = self._open(qos_profile(topic.qos), self._hear_first, overrides)
+            self._first = self._open(qos_profile(topic.qos), callback, overrides)
 
     def _open(
         self,
@@ -121,15 +113,6 @@ class MatchingSubscription:
 
     def _on_event(self, _event: Any) -> None:
         self.look()
-
-    def _hear_first(self, data: bytes) -> None:
-        self._callback(data)
-        for _ in range(self._at_once - 1):
-            with self._first.handle:
-                taken = self._first.handle.take_message(self._first.msg_type, self._first.raw)
-            if taken is None:
-                break
-            self._callback(taken[0])
 
     def _hear_second(self, data: bytes) -> None:
         # What fits the first one is heard there, though this one may not be closed yet.

@@ -8,11 +8,13 @@ clock), its bytes, and, of a step, the latency that slam_node told (ms).
 
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 
 from reliability.load.latency import OF_DRIVES, OF_IMAGES
@@ -20,12 +22,13 @@ from vislam_ros.data.bags.decoding import stamp_of
 from vislam_ros.data.bags.layout import STEPS, Topic
 from vislam_ros.nodes.conversions import status_values
 from vislam_ros.nodes.slam_report import row_from_values
-from vislam_ros.nodes.spin import spinning
 from vislam_ros.nodes.topics import STREAM, message_class
 
 READY = "ready"
 IMAGES = "images"
 """An argument: listen to images."""
+
+_POLL_SECONDS = 0.1
 
 
 def _teller(topic: Topic, lines: list[tuple[Topic, int, int, bytes]]) -> Callable[..., None]:
@@ -53,9 +56,15 @@ def main() -> None:
     for topic in OF_IMAGES if sys.argv[1:] == [IMAGES] else OF_DRIVES:
         cls = message_class(topic.msgtype)
         node.create_subscription(cls, topic.name, _teller(topic, heard), STREAM, raw=True)
-    with spinning(node):
-        print(READY, flush=True)
-        sys.stdin.read()
+    # The executor of the nodes does not tell when a message was published.
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    watch = threading.Thread(target=sys.stdin.read)
+    watch.start()
+    print(READY, flush=True)
+    while watch.is_alive():
+        executor.spin_once(timeout_sec=_POLL_SECONDS)
+    executor.shutdown()
     for one in heard:
         _say(*one)
     node.destroy_node()
