@@ -86,9 +86,11 @@ def run_trial(settings: TrialSettings, trial: Trial) -> Row:
     """Solve the row's drive; what goes wrong is the row's ``error``."""
     row: Row = {"key": trial.key, "error": None}
     begin = time.process_time()
+    mechanism = mechanism_named(settings.without)
+    slam = dataclasses.replace(settings.slam, **mechanism.settings)
     try:
-        with threadpoolctl.threadpool_limits(1), mechanism_named(settings.without).off():
-            figures = _figures(settings, trial)
+        with threadpoolctl.threadpool_limits(1), mechanism.off():
+            figures = _figures(dataclasses.replace(settings, slam=slam), trial)
         # JSON has no NaN and no infinity; such a figure is not known.
         row.update({k: None if _is_infinite(v) else v for k, v in figures.items()})
     except Exception as error:  # the others go on, and the row says why
@@ -104,10 +106,7 @@ def _is_infinite(value: Any) -> bool:
 def _figures(settings: TrialSettings, trial: Trial) -> dict[str, Any]:
     drive, reference = drive_of(settings.data, trial)
     fraction = trial.row.percent / 100 if isinstance(trial.row, Recorded) else 1.0
-    changed = mechanism_named(settings.without).settings
-    slam = dataclasses.replace(
-        settings.slam, feature_fraction=fraction, seed=trial.seed, **changed
-    )
+    slam = dataclasses.replace(settings.slam, feature_fraction=fraction, seed=trial.seed)
     source = "gyro" if trial.row.gyro else None
     solution = solve(
         drive, slam, settings.prediction, motion_source=source, smooth=settings.smooth
