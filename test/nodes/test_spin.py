@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import functools
 import threading
-import time
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -58,9 +58,7 @@ def test_what_comes_for_a_subscription_that_is_gone_by_then_ends_nothing(
         if short_lived:
             node.create_publisher(Empty, "short", 1).publish(Empty())
             subscription = short_lived.pop()
-            end = time.monotonic() + WAIT
-            while not subscription.get_publisher_count() and time.monotonic() < end:
-                time.sleep(0.01)
+            wait_until(subscription.get_publisher_count, "the match")
             node.destroy_subscription(subscription)
         heard.append("said")
 
@@ -72,4 +70,50 @@ def test_what_comes_for_a_subscription_that_is_gone_by_then_ends_nothing(
         for number in (1, 2):
             publisher.publish(Empty())
             wait_until(functools.partial(has_heard, number), "the answer")
+    node.destroy_node()
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_thread_that_is_about_to_wait_when_it_is_to_end_ends(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(spin, "EventsExecutor", SingleThreadedExecutor)
+    node = Node("spun", context=context)
+    node.create_subscription(Empty, "never_said", lambda _: None, 1)
+    about_to_wait, is_told = threading.Event(), threading.Event()
+    can_execute, join = SingleThreadedExecutor.can_execute, threading.Thread.join
+
+    def slow_can_execute(executor: SingleThreadedExecutor, entity: Any) -> bool:
+        """Be in the middle of gathering what is to be waited for."""
+        about_to_wait.set()
+        assert is_told.wait(WAIT)
+        return bool(can_execute(executor, entity))
+
+    def telling(tell: Callable[..., Any]) -> Callable[..., Any]:
+        def told(*arguments: Any) -> Any:
+            done = tell(*arguments)
+            is_told.set()
+            return done
+
+        return told
+
+    def joined(thread: threading.Thread, *arguments: Any) -> None:
+        if thread.name == "executor":
+            is_told.set()
+        join(thread, *arguments)
+
+    monkeypatch.setattr(SingleThreadedExecutor, "can_execute", slow_can_execute)
+
+    def spin_shortly() -> None:
+        with spinning(node):
+            assert about_to_wait.wait(WAIT)
+            for name in ("wake", "shutdown"):
+                told = telling(getattr(SingleThreadedExecutor, name))
+                monkeypatch.setattr(SingleThreadedExecutor, name, told)
+            monkeypatch.setattr(threading.Thread, "join", joined)
+
+    spun = threading.Thread(target=spin_shortly, daemon=True)
+    spun.start()
+    spun.join(WAIT)
+    assert not spun.is_alive()
     node.destroy_node()

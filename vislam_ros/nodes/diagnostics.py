@@ -126,7 +126,7 @@ class Monitor:
         callback : callable
             Called with the message and, ``with_data``, with its CDR bytes.
         with_data : bool
-            As whoever records wants it.
+            As who records wants it.
         counted : bool
             Whether its messages are :attr:`inputs`; what is repeated for ever is none.
         """
@@ -149,8 +149,6 @@ class Monitor:
         except RefusedMessage as error:
             stamp = decoding.stamp_if_known(message)
             self.refuse(error.refusal, str(error), topic.stream, stamp)
-        except OutputError as error:
-            self.failure = error
         except Exception as error:
             self._fail(topic.name, error)
 
@@ -160,16 +158,16 @@ class Monitor:
         def guarded(*arguments: Any) -> None:
             try:
                 callback(*arguments)
-            except OutputError as error:
-                self.failure = error
             except Exception as error:
                 self._fail(name, error)
 
         return guarded
 
     def _fail(self, name: str, error: Exception) -> None:
-        """Count and log an exception at hand, unless it comes from the end of everything."""
-        if self._node.context.ok():
+        """Count and log an exception at hand, unless it is the end or comes from it."""
+        if isinstance(error, OutputError):
+            self.failure = error
+        elif self._node.context.ok():
             what = error if isinstance(error, VislamError) else traceback.format_exc()
             self.refuse(Refusal.INTERNAL_ERROR, f"{name}: {what}")
 

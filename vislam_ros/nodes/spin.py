@@ -8,7 +8,6 @@ odometry.
 """
 
 import atexit
-import functools
 import gc
 import signal
 import sys
@@ -215,7 +214,13 @@ def executor_of(context: Context) -> Executor:
 
 def _spin(node: Node, told_at: Sequence[float]) -> None:
     executor = executor_of(node.context)
-    spin_once = functools.partial(_spin_once, executor, node)
+    monitor = node.monitor if isinstance(node, Monitored) else None
+
+    def spin_once(timeout: float = _POLL_SECONDS) -> None:
+        _call_back(executor, timeout)
+        if monitor is not None and monitor.failure is not None:
+            raise monitor.failure
+
     try:
         executor.add_node(node)
         ends_itself = node if isinstance(node, EndsItself) else None
@@ -240,22 +245,15 @@ def _call_back(executor: Executor, timeout: float) -> None:
         executor.spin_once(timeout_sec=timeout)
 
 
-def _spin_once(executor: Executor, node: Node, timeout: float = _POLL_SECONDS) -> None:
-    """Call back once if something comes before a signal has to be noticed."""
-    _call_back(executor, timeout)
-    if isinstance(node, Monitored) and node.monitor.failure is not None:
-        raise node.monitor.failure
-
-
-def _work_off(executor: Executor, spin_once: Callable[..., None]) -> None:
+def _work_off(executor: Executor, spin_once: Callable[[float], None]) -> None:
     """Take what waits until nothing does, but not for ever: more may come all the time."""
     end = time.monotonic() + _LONGEST_SECONDS
     callbacks = 2
-    while callbacks > 1:
+    while callbacks > 1:  # more than the last
         last = executor.create_task(lambda: None)  # behind all that waits
         callbacks = 0
         while not last.done() and time.monotonic() < end:
-            spin_once(timeout=0.0)
+            spin_once(0.0)
             callbacks += 1
 
 

@@ -86,9 +86,9 @@ def run_trial(settings: TrialSettings, trial: Trial) -> Row:
     """Solve the row's drive; what goes wrong is the row's ``error``."""
     row: Row = {"key": trial.key, "error": None}
     begin = time.process_time()
-    mechanism = mechanism_named(settings.without)
-    slam = dataclasses.replace(settings.slam, **mechanism.settings)
     try:
+        mechanism = mechanism_named(settings.without)
+        slam = dataclasses.replace(settings.slam, **mechanism.settings)
         with threadpoolctl.threadpool_limits(1), mechanism.off():
             figures = _figures(dataclasses.replace(settings, slam=slam), trial)
         # JSON has no NaN and no infinity; such a figure is not known.
