@@ -87,6 +87,7 @@ class DenseRobocentricFilter:
         self.runs: dict[int, tuple[Array, int]] = {}
         # Keys in the order of the track noise.
         self.judged: list[int] = []
+        self.doubted = np.zeros(6, dtype=bool)
         self.saw_nothing = False
         self.rejected: list[int] = []
         self.T_world_body = np.eye(4)
@@ -107,6 +108,9 @@ class DenseRobocentricFilter:
         """Take a frame; return the keys whose observations failed a gate."""
         gone = [*frame.ended.tolist(), *self.rejected]
         self.marginalize([key for key in gone if key in self.place_of_key])
+        now = self.P.diagonal()[TWIST]
+        doubted = np.minimum(100.0 * now, np.repeat([50.0**2, 2.0**2], 3))
+        self.P[TWIST, TWIST] += np.diag(self.doubted * np.maximum(doubted - now, 0.0))
         if increment.duration > 0:
             self.frame_rate.add(increment.duration)
         for i, (tau, measured) in enumerate(increment.parts):
@@ -131,10 +135,12 @@ class DenseRobocentricFilter:
                 error_variance = np.diag(H @ self.P @ H.T)
                 self.motion_noise.update(change, variances, after, error, error_variance, tau)
         self.rejected = rejected
-        if rejected and 2 * len(rejected) >= len(known):
-            variances = self.P.diagonal()[TWIST]
-            doubted = np.minimum(100.0 * variances, np.repeat([50.0**2, 2.0**2], 3))
-            self.P[TWIST, TWIST] += np.diag(np.maximum(doubted - variances, 0.0))
+        self.doubted = np.full(6, bool(rejected) and 2 * len(rejected) >= len(known))
+        if increment.parts and len(rejected) < len(known):
+            change = self.estimate[TWIST] - twist
+            foreseen = np.maximum(variances - self.P.diagonal()[TWIST], 0.0)
+            begins = self.settings.learn_noise and self.motion_noise.begins
+            self.doubted |= begins | (change**2 > 9.0 * foreseen)
         self.initialize([keys[i] for i in new], frame.pixels[new], factors[new])
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))

@@ -1,12 +1,12 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Walks and flights in a room: bodies that are no vehicle, with truth.
+"""Walks, flights and take-offs in a room: bodies that are no vehicle, with truth.
 
 A stereo camera like that of a small drone moves through a box. Points lie on its walls, and a
 track lasts until it leaves an image or the tracker loses it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ _SHORTEST_TRACK = 2
 # Waves that a motion is made of, cycles a second.
 _SLOWEST_WAVE, _FASTEST_WAVE, _WAVES = 0.05, 0.4, 5
 _SWING = 0.2  # standard deviation of the position, of the room's size
+_SET_OFF = 0.5  # seconds in which a body that stood gets as fast as its course is
 _SLOWEST_SLIDE, _FASTEST_SLIDE = 20.0, 60.0  # pixels a second
 
 
@@ -52,16 +53,20 @@ class RoomSettings:
         The greatest of the heading, radians a second.
     tilt : float
         Standard deviation of roll and pitch, radians.
+    rest : float
+        Seconds for which it stands before it moves off.
     """
 
     size: tuple[float, float, float]
     speed: float
     turn_rate: float
     tilt: float
+    rest: float = 0.0
 
 
 WALK = RoomSettings((14.0, 10.0, 3.0), 1.5, 1.2, 0.06)
 FLIGHT = RoomSettings((8.0, 8.0, 4.0), 3.0, 3.0, 0.2)
+TAKE_OFF = replace(FLIGHT, rest=15.0)
 
 
 def simulate_in_room(
@@ -124,13 +129,23 @@ def room_poses(settings: RoomSettings, t: Array, rng: np.random.Generator) -> Ar
     tilt = settings.tilt * _waves(t, 2, rng)
     heading = np.cumsum(_waves(t, 1, rng)[:, 0])
     heading *= settings.turn_rate / np.abs(np.gradient(heading, t)).max()
+    along = _seconds_on_course(t, settings.rest) if settings.rest else t
+    course = np.column_stack([position, tilt, heading])
+    course = np.column_stack([np.interp(along, t, numbers) for numbers in course.T])
     zero = np.zeros(len(t))
     T = np.tile(np.eye(4), (len(t), 1, 1))
-    T[:, :3, :3] = se3.exp_rotation(np.column_stack([zero, zero, heading])) @ se3.exp_rotation(
-        np.column_stack([tilt, zero])
+    T[:, :3, :3] = se3.exp_rotation(np.column_stack([zero, zero, course[:, 5]])) @ (
+        se3.exp_rotation(np.column_stack([course[:, 3:5], zero]))
     )
-    T[:, :3, 3] = position
+    T[:, :3, 3] = course[:, :3]
     return T
+
+
+def _seconds_on_course(t: Array, rest: float) -> Array:
+    """Seconds (n,) at full speed to where a body is on its course that has stood for so long."""
+    moving = np.maximum(t - t[0] - rest, 0.0)
+    faster = moving**2 / (2.0 * _SET_OFF)
+    return t[0] + np.where(moving < _SET_OFF, faster, moving - 0.5 * _SET_OFF)
 
 
 def _waves(t: Array, count: int, rng: np.random.Generator) -> Array:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 Twist = Literal["own", "clean", "clean, biased"]
-Scene = Literal["drive", "walk", "flight"]
+Scene = Literal["drive", "walk", "flight", "take-off"]
 Imagery = Literal["street", "room", "kitti_0020"]
 
 #: Recorded drives with a reference, by the name of their file, and of the reference's.
@@ -84,7 +84,7 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Simulated:
-    """A simulated drive, walk or flight.
+    """A simulated drive, walk or flight, or one that begins with a rest.
 
     Attributes
     ----------
@@ -171,6 +171,8 @@ def all_rows() -> list[BatteryRow]:
     in_rooms: tuple[Scene, ...] = ("walk", "flight")
     rows += [Simulated(s, n, hz) for s in in_rooms for n in (6, 20, 80) for hz in (10, 20, 30)]
     rows += [Simulated(s, n, 20, sliding=25) for s in in_rooms for n in (6, 20)]
+    rows += [Simulated("take-off", n, 20) for n in (6, 20, 80)]
+    rows += [Simulated("take-off", 20, 20, gyro=True), Simulated("take-off", 80, 10)]
     rows += [Recorded(d, p, gyro=True) for d in _DENSE for p in (10, 33, 100)]
     rows += [Simulated(s, n, 20, gyro=True) for s in in_rooms for n in (6, 20, 80)]
     rows += [Imaged(RECORDED_IMAGES, gyro=gyro) for gyro in (False, True)]

@@ -17,7 +17,7 @@ import threadpoolctl
 from benchmark.battery.changes import quarter_of, with_clean_twist, with_sliding_tracks
 from benchmark.battery.imaged import recorded_images, simulated_images
 from benchmark.battery.mechanisms import mechanism_named
-from benchmark.battery.rooms import FLIGHT, WALK, simulate_in_room
+from benchmark.battery.rooms import FLIGHT, TAKE_OFF, WALK, simulate_in_room
 from benchmark.battery.rows import (
     RECORDED_IMAGES,
     BatteryRow,
@@ -42,6 +42,7 @@ from vislam_ros.errors import VislamError
 # A simulated drive's frames, and for how many of them a track is seen.
 _STEPS, _MEAN_TRACK = 600, 13
 _SECONDS = 60.0  # of a walk or a flight
+_ROOMS = {"walk": WALK, "flight": FLIGHT, "take-off": TAKE_OFF}
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ def _simulated(row: Simulated, seed: int) -> Drive:
             )
         ).drive
     return simulate_in_room(
-        WALK if row.scene == "walk" else FLIGHT,
+        _ROOMS[row.scene],
         features=row.features,
         rate=row.rate,
         seconds=_SECONDS,

@@ -20,13 +20,15 @@ taken sample by sample, and where samples are missing, 3 is left out:
    the map where they have a position.
 2. The vehicle state takes a random step, ``P <- P + Q``: above all the twist u (white acceleration
    noise), which now stands for the constant twist of this step, and the drift of vision in it.
+   The twist may have changed by more where the last step left it in doubt.
 3. The prediction's mean twist measures the body's (without a frame in between: unforeseen_walk).
 4. The body moves, and landmarks are warped by the same and the drift, ``P <- F P F^T``: all noise
    is in the vehicle state already. Those that come behind the camera are marginalized before.
 5. The frame's image points correct everything, but for those that gates reject, of a frame or of
    all of a track's together.
 6. The noise of the motion is learned from what vision has seen of it. Where most of a frame was
-   rejected, it is the motion that is wrong: the twist is doubted.
+   rejected, or the twist has changed by more than its walk foresees, and in the first steps, it is
+   left in doubt.
 7. Landmarks seen for the first time are initialized.
 8. Bias and none are weighed against each other; what is told is their mean (see bias_belief).
 """
@@ -35,10 +37,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from vislam_ros.core.columns import Estimate
-from vislam_ros.core.filters import quantities
 from vislam_ros.core.filters.estimator import Outcome, Pose
 from vislam_ros.core.filters.image_point_map import (
     ImagePointMap,
@@ -59,7 +59,9 @@ from vislam_ros.core.filters.robocentric_model import (
     SIZE,
     TWIST,
     Vehicle,
+    changes_unforeseen,
     doubt_of_twist,
+    estimates_of,
     learn_motion,
     motion_priors,
     motions_of,
@@ -132,8 +134,10 @@ class RobocentricFilter:
         self._state = ErrorState(prior_covariance(settings), SIZE, tape)
         self._marginalized = ImagePointMap(camera)
         self._believed: BiasBelief | None = None  # of the present state
-        # Of the last frame: what of the state it rejected, and whether there was nothing in it.
+        # Of the last frame: what of the state it rejected, on which axes it left the twist in
+        # doubt, and whether there was nothing in it.
         self._rejected: Keys = np.empty(0, dtype=np.int64)
+        self._doubted: NDArray[np.bool_] = np.zeros(6, dtype=bool)
         self._saw_nothing = False
         self.vehicle = Vehicle()
         self.keys: Keys = np.empty(0, dtype=np.int64)
@@ -180,6 +184,8 @@ class RobocentricFilter:
         """Take a step, in the order of the text above."""
         self._marginalize(is_member(self.keys, np.concatenate([frame.ended, self._rejected])))
         behind_camera = self._rejected = self.keys[:0]
+        if self._doubted.any():
+            self._apply(doubt_of_twist(self._state.vehicle_covariance, self._doubted))
         parts = motions_of(increment)
         if parts:
             self._frame_rate.add(increment.duration)
@@ -200,11 +206,13 @@ class RobocentricFilter:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             self._marginalize(is_member(self.keys, frame.keys))
             outcome = Outcome(rejected=frame.keys[known])
-        P = self._state.vehicle_covariance
-        if self._settings.learn_noise and parts and measured is not None and outcome.used:
-            learn_motion(self._motion_noise, before, self.vehicle, P, measured, tau)
-        if outcome.is_contradicted:
-            self._apply(doubt_of_twist(P))
+        self._doubted = np.full(6, outcome.is_contradicted)
+        if parts and outcome.used:
+            P, learns = self._state.vehicle_covariance, self._settings.learn_noise
+            if learns and measured is not None:
+                learn_motion(self._motion_noise, before, self.vehicle, P, measured, tau)
+            begins = learns and self._motion_noise.begins
+            self._doubted |= begins | changes_unforeseen(before, self.vehicle, P)
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)
@@ -214,13 +222,19 @@ class RobocentricFilter:
         self._state.end_step(self.T_world_body, last)
         told, gain = self.vehicle.shifted(belief.delta), belief.gain[:SIZE]
         P = self.covariance[:SIZE, :SIZE] + gain @ belief.spread @ gain.T
+        level = self._track_noise.level * self._track_noise.usual_factor
         return replace(
             outcome,
             admitted=int(np.count_nonzero(new)),
             rejected=np.concatenate([outcome.rejected, frame.keys[contradicted]]),
             pose=Pose(told.T_world_body, P[POSE, POSE].copy()),
             twist=Twist(told.body_twist, BODY_TWIST_ROWS @ P @ BODY_TWIST_ROWS.T),
-            estimates=self._estimates(told, belief.bias_std, P[LENS, LENS]),
+            estimates=estimates_of(
+                told,
+                (belief.bias_std, max(P[LENS, LENS], 0.0) ** 0.5),
+                level * sum(self._settings.pixel_variance) / 4,
+                (self._twist_variance, self._motion_noise.walk_variance),
+            ),
         )
 
     def landmarks(self) -> tuple[Keys, Array, Array]:
@@ -371,23 +385,6 @@ class RobocentricFilter:
 
     def _has_position(self) -> NDArray[np.bool_]:
         return has_position(self.image_points, self._state.landmark_covariances())
-
-    def _estimates(
-        self, told: Vehicle, bias_std: Array, lens_variance: float
-    ) -> tuple[Estimate, ...]:
-        """What else is in the vehicle's state, and the noise as it is learned."""
-        level = self._track_noise.level * self._track_noise.usual_factor
-        values: tuple[tuple[ArrayLike, ArrayLike], ...] = (
-            (told.gyro_bias, bias_std),
-            (told.kappa, max(lens_variance, 0.0) ** 0.5),
-            ((level * sum(self._settings.pixel_variance) / 4) ** 0.5, ()),
-            (self._twist_variance[0] ** 0.5, ()),
-            (self._twist_variance[3] ** 0.5, ()),
-            (np.sqrt(self._motion_noise.walk_variance[:3]), ()),
-            (np.sqrt(self._motion_noise.walk_variance[3:]), ()),
-        )
-        described = zip(quantities.OF_ROBOCENTRIC, values, strict=True)
-        return tuple(Estimate(quantity, *value) for quantity, value in described)
 
 
 register_estimator(

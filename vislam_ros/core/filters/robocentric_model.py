@@ -39,9 +39,11 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from vislam_ros.core.columns import Estimate
 from vislam_ros.core.compiled import compiled
+from vislam_ros.core.filters import quantities
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
@@ -71,7 +73,7 @@ BODY_TWIST_ROWS[3:, DRIFT] = -np.eye(3)
 TWIST_ROWS: Array = BODY_TWIST_ROWS.copy()
 TWIST_ROWS[3:, GYRO_BIAS] = np.eye(3)
 
-# From how many deviations on a measured twist shows a change that its walk did not foresee.
+# From how many deviations on a twist shows a change that its walk did not foresee.
 _UNFORESEEN = 3.0
 # By how much vision turns over a metre where two observations tell as much as one [rad].
 _DRIFT = 0.13e-3
@@ -129,7 +131,7 @@ class Vehicle:
 
 # Nothing moves in less than this, and no twist can be had from it [s].
 _SHORTEST_STEP = 1e-4
-# How far a twist may be off that vision contradicts, in standard deviations.
+# How far a twist may be off that is doubted, in standard deviations.
 _DOUBT = 10.0
 
 
@@ -149,13 +151,37 @@ def prior_covariance(settings: RobocentricSettings) -> Array:
     return np.diag(variances)
 
 
-def doubt_of_twist(covariance: Array) -> RandomWalk:
-    """Walk of the vehicle state, of such a covariance (19, 19), where vision contradicts it.
+def changes_unforeseen(
+    before: tuple[Array, Array], vehicle: Vehicle, P: Array
+) -> NDArray[np.bool_]:
+    """On which axes (6,) a step's measurements have changed the twist more than its walk foresees.
 
-    The twist may be off by ten times its standard deviations then, and no more than at the start.
+    Where the variance of a Gaussian falls from P- to P+, its mean moves by ``N(0, P- - P+)``.
+
+    Parameters
+    ----------
+    before : tuple of ndarray, (6,)
+        The twist and its variances before the step's measurements.
+    vehicle : Vehicle
+        After them.
+    P : ndarray, (19, 19)
+        Its covariance.
     """
-    doubted = np.minimum(_DOUBT**2 * covariance.diagonal()[TWIST], FIRST_TWIST_STD**2)
-    return _walk_of_twist(np.maximum(doubted - covariance.diagonal()[TWIST], 0.0))
+    twist_before, variances_before = before
+    foreseen = np.maximum(variances_before - P.diagonal()[TWIST], 0.0)
+    changed: NDArray[np.bool_] = (vehicle.twist - twist_before) ** 2 > _UNFORESEEN**2 * foreseen
+    return changed
+
+
+def doubt_of_twist(covariance: Array, axes: NDArray[np.bool_]) -> RandomWalk:
+    """Walk of the vehicle state, of such a covariance (19, 19), where its twist is doubted.
+
+    On such axes (6,) the twist may be off by ten times its standard deviations then, and no more
+    than at the start.
+    """
+    variances = covariance.diagonal()[TWIST]
+    doubted = np.minimum(_DOUBT**2 * variances, FIRST_TWIST_STD**2)
+    return _walk_of_twist(np.where(axes, np.maximum(doubted - variances, 0.0), 0.0))
 
 
 def random_walk(
@@ -290,3 +316,35 @@ def _coupling(G: Array, by_twist: Array, F_y: Array, shift: Array, shift_new: Ar
                 coupling[i, r, lens] += F_y[i, r, k] * shift[i, k]
             coupling[i, r, lens] -= shift_new[i, r]
     return coupling
+
+
+def estimates_of(
+    vehicle: Vehicle,
+    std: tuple[Array, float],
+    pixel_variance: float,
+    motion: tuple[Array, Array],
+) -> tuple[Estimate, ...]:
+    """What else is in the vehicle's state, and the noise as it is learned.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    std : tuple
+        Of its bias (3,) and its lens.
+    pixel_variance : float
+        Square pixels.
+    motion : tuple of ndarray, (6,)
+        Variances of a measured twist, and of what the twist changes by in a second.
+    """
+    noise, walk = motion
+    values: tuple[tuple[ArrayLike, ArrayLike], ...] = (
+        (vehicle.gyro_bias, std[0]),
+        (vehicle.kappa, std[1]),
+        (pixel_variance**0.5, ()),
+        (noise[0] ** 0.5, ()),
+        (noise[3] ** 0.5, ()),
+        (np.sqrt(walk[:3]), ()),
+        (np.sqrt(walk[3:]), ()),
+    )
+    described = zip(quantities.OF_ROBOCENTRIC, values, strict=True)
+    return tuple(Estimate(quantity, *value) for quantity, value in described)

@@ -11,7 +11,11 @@ w``, ``w ~ N(0, Q)``, and for the measurement ``z = h(x) + n``, ``n ~ N(0, R)`` 
     E[w^2] = (g (u+ - u-))^2 + Q - g^2 (P- - P+),    g = Q / P-
     E[n^2] = (z - h(x+))^2 + H P+ H^T
 
-where - and + stand for before and after all that was measured in the step. Slow errors of the
+where - and + stand for before and after all that was measured in the step. With S the variance of
+what was measured, as one number of the twist, ``E[w^2] - Q`` is ``(Q / S)^2`` times what Fisher's
+scoring would change Q by, and ``(Q / S)^2``, with ``Q / S = g (1 - P+ / P-)``, is what the step
+tells of Q beside one that sees it exactly. So a step counts by that: where vision sees little, a
+mean over all steps alike would stay at the prior for a drive. Slow errors of the
 model would pass for noise of the measured twist, so the level of its third differences (see
 twist_noise), which know none, bounds it; that alone counts until vision has seen enough.
 
@@ -37,9 +41,11 @@ Array = NDArray[np.float64]
 
 # Memory of what vision has seen of the motion [s].
 _MEMORY = 30.0
-# Evidence, which comes by the step at any rate: the prior of the walk counts as the first few
-# steps, and so many must have been seen before they bound the measured twist's noise.
+# Evidence, which comes by the step at any rate: the prior of the walk counts as a few steps that
+# see it exactly, it is not trusted in the first steps, and so many must have been seen before they
+# bound the measured twist's noise.
 _PRIOR_STEPS = 5
+_FIRST_STEPS = 10
 _ENOUGH_STEPS = 50
 # Beyond this many times the white noise, in squares, errors of the measured twist are slow ones.
 _CONTRADICTED = 9.0
@@ -74,6 +80,8 @@ class MotionNoise:
         self._told = twist_std, walk_std
         self._measures_velocity = True
         self.walk_variance: Array = np.square(walk_std)
+        # What is known of it, in steps that see it exactly.
+        self._walk_known: Array = np.full(6, float(_PRIOR_STEPS))
         self._begin(twist_std)
 
     def _begin(self, twist_std: Array) -> None:
@@ -93,8 +101,14 @@ class MotionNoise:
         anew, walks_anew = twist_std != self._told[0], walk_std != self._told[1]
         self._told = twist_std, walk_std
         self.walk_variance = np.where(walks_anew, np.square(walk_std), self.walk_variance)
+        self._walk_known = np.where(walks_anew, _PRIOR_STEPS, self._walk_known)
         if np.any(anew):
             self._begin(np.where(anew, twist_std, self._differences.std))
+
+    @property
+    def begins(self) -> bool:
+        """Whether there were only a few steps to learn from."""
+        return self._learned < _FIRST_STEPS
 
     def add(self, twist: Array) -> None:
         """Add a measured twist (6,), its velocity NaN where there is none."""
@@ -157,8 +171,9 @@ class MotionNoise:
         error = _known(error)
         unexplained = error**2 + error_variance
         self._unexplained += (unexplained - self._unexplained) / min(self._learned, memory)
-        share = 1.0 / min(self._learned + _PRIOR_STEPS, memory)
-        learned = self.walk_variance + share * (variance - self.walk_variance)
+        seen = gain * (1.0 - after / before)
+        self._walk_known = np.minimum(self._walk_known + seen**2, memory)
+        learned = self.walk_variance + (variance - self.walk_variance) / self._walk_known
         self.walk_variance = np.maximum(learned, _SMALLEST_WALK**2)
         self._errors.append(np.abs(error))
         while len(self._errors) > memory:

@@ -2,7 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from benchmark.battery.rooms import FLIGHT, WALK, RoomSettings, room_poses, simulate_in_room
+from benchmark.battery.rooms import (
+    FLIGHT,
+    TAKE_OFF,
+    WALK,
+    RoomSettings,
+    room_poses,
+    simulate_in_room,
+)
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
@@ -10,7 +17,9 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import pixels_of
 from vislam_ros.data.drive import Drive
 
-BOTH = pytest.mark.parametrize("settings", [WALK, FLIGHT], ids=["walk", "flight"])
+EACH = pytest.mark.parametrize(
+    "settings", [WALK, FLIGHT, TAKE_OFF], ids=["walk", "flight", "take-off"]
+)
 RATE = 20
 
 
@@ -40,19 +49,31 @@ def reprojection_errors(drive: Drive) -> tuple[NDArray[np.float64], NDArray[np.u
     return pixels - expected, drive.ids
 
 
-@BOTH
+@EACH
 def test_without_noise_every_track_is_a_point_that_stands_still(settings: RoomSettings) -> None:
     errors, _ = reprojection_errors(simulated(settings))
     assert_allclose(errors, 0.0, atol=0.02)
 
 
-@BOTH
+@EACH
 def test_pixels_are_as_noisy_as_told_and_lie_in_the_images(settings: RoomSettings) -> None:
     noisy, plain = simulated(settings, noise=0.7), simulated(settings)
     first = noisy.pixels[:15] - plain.pixels[:15]
     assert first.std() == pytest.approx(0.7, rel=0.3)
     assert plain.pixels.min() >= 0.0
     assert np.all(plain.pixels <= [751.0, 479.0, 751.0, 479.0])
+
+
+def test_a_take_off_stands_and_then_is_a_flight() -> None:
+    t = np.arange(400) / RATE
+    flight, take_off = (room_poses(s, t, np.random.default_rng(5)) for s in (FLIGHT, TAKE_OFF))
+    rests = round(TAKE_OFF.rest * RATE) + 1
+    assert np.ptp(take_off[:rests], axis=0).max() == 0.0
+    # It is as fast as the flight after half a second, and a quarter of a second late by then.
+    half, late = RATE // 2, RATE // 4
+    assert_allclose(
+        take_off[rests - 1 + half :], flight[half - late : -rests + 1 - late], atol=1e-9
+    )
 
 
 def test_the_told_share_of_tracks_slides() -> None:
@@ -64,7 +85,7 @@ def test_the_told_share_of_tracks_slides() -> None:
     assert_allclose(errors[:, 0], errors[:, 2], atol=0.02)
 
 
-@BOTH
+@pytest.mark.parametrize("settings", [WALK, FLIGHT], ids=["walk", "flight"])
 def test_a_body_keeps_within_its_limits_and_its_room(settings: RoomSettings) -> None:
     t = np.arange(0.0, 60.0, 1 / RATE)
     for seed in range(5):
@@ -76,7 +97,7 @@ def test_a_body_keeps_within_its_limits_and_its_room(settings: RoomSettings) -> 
         assert np.all(np.abs(T[:, :3, 3]) < np.array(settings.size) / 2)
 
 
-@BOTH
+@EACH
 def test_frames_hold_as_many_features_as_told(settings: RoomSettings) -> None:
     counts = np.diff(simulated(settings).offsets)
     assert counts.mean() == pytest.approx(15, rel=0.02)
