@@ -11,7 +11,7 @@ functions (see plain_image_points), exact to rounding, and share nothing with th
 import numpy as np
 from numpy.typing import NDArray
 from plain_belief import Told, told_of_both
-from plain_gates import agreeing, given_others, stated_factors
+from plain_gates import agreeing, given_others, scales_with_tails, stated_factors
 from plain_image_points import (
     FOUR_ROWS,
     Complex,
@@ -244,6 +244,8 @@ class DenseRobocentricFilter:
         rejected = np.delete(keys, kept).tolist()
         R_0 = noise.level * np.outer(factors, np.diag(noise_of_image_points(self.told_V)))
         scales = variances[:, 0] / R_0[:, 0]
+        if self.settings.learn_noise:
+            scales = scales_with_tails(residual[:, told], joint, kept, R_0[:, told], scales)
         # Of four rows, or three where the right pixel tells nothing, each with its own noise.
         used = FOUR_ROWS[:, told].any(axis=1)
         some_rows = FOUR_ROWS[np.ix_(used, told)]

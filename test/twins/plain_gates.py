@@ -34,6 +34,26 @@ def agreeing(gate: float, residual: Array, S: Array, kept: list[int]) -> list[in
     return remaining
 
 
+def scale_with_tail(error: Array, A: Array, R: Array, own: float) -> float:
+    """Scale s of an observation's noise (r,) for an innovation of covariance ``A + s R``."""
+    s, r = own, len(error)
+    for _ in range(6):
+        information = np.linalg.inv(A + s * np.diag(R))
+        w = information @ error
+        of_noise = s**2 * w @ np.diag(R) @ w + s * (r - s * np.trace(information @ np.diag(R)))
+        s = max(own, (6 * own + of_noise) / (6 + r))
+    return s if s >= 1.5 * own else own
+
+
+def scales_with_tails(residual: Array, S: Array, kept: list[int], R_0: Array, own: Array) -> Array:
+    """Scales (n,) of the noise R_0 (n, r) of innovations, larger for those that are far off."""
+    scales = own.copy()
+    for i in kept:
+        error, C = given_others(residual, S, kept, i)
+        scales[i] = scale_with_tail(error, C - own[i] * np.diag(R_0[i]), R_0[i], own[i])
+    return scales
+
+
 def stated_factors(noise: TrackNoise, frame: TrackedFrame, told_variance: float) -> Array:
     """Factors (n,) on V of a frame's observations; those that it states are noted."""
     noise.is_stated = frame.noise is not None

@@ -176,15 +176,20 @@ def filter_that_sees(
     keys = np.arange(len(points_body))
     for k in range(steps):
         noisy = twist + np.repeat([0.5, 0.05], 3) * twist_rng.standard_normal(6)
-        T = se3.inverse(se3.exp(k * SECONDS * twist) @ CAMERA.T_body_camera)
-        seen = points_body @ T[:3, :3].T + T[:3, 3]
-        y = CAMERA.project(seen)
-        in_view = (seen[:, 2] > 0.1) & np.all((y > 0) & (y < [1242, 1242, 375]), axis=1)
-        pixels = y[in_view][:, [0, 2, 1, 2]]
+        in_view, pixels = seen_from(se3.exp(k * SECONDS * twist), points_body)
         pixels += pixel_rng.standard_normal(pixels.shape)
         filter_.step(increment(noisy) if k else STANDING, frame_of(keys[in_view], pixels))
         assert_sound(filter_)
     return filter_
+
+
+def seen_from(T_world_body: Array, points: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Which points (n, 3) of the world are in view, and the pixels (m, 4) of those."""
+    T = se3.inverse(T_world_body @ CAMERA.T_body_camera)
+    seen = points @ T[:3, :3].T + T[:3, 3]
+    y = CAMERA.project(seen)
+    in_view = (seen[:, 2] > 0.1) & np.all((y > 0) & (y < [1242, 1242, 375]), axis=1)
+    return in_view, y[in_view][:, [0, 2, 1, 2]]
 
 
 def assert_sound(filter_: RobocentricFilter) -> None:
@@ -209,6 +214,7 @@ def far_points(count: int, distance: float) -> Array:
 
 
 FORWARD = np.array([8.0, 0, 0, 0, 0, 0.05])
+NOTHING = frame_of(np.arange(0), np.empty((0, 4)))
 
 
 def test_points_at_infinity_with_zero_and_negative_disparities_tell_the_rotation() -> None:
@@ -275,7 +281,7 @@ def test_what_is_seen_of_a_landmark_behind_the_camera_is_rejected_and_begins_no_
 
 def test_where_the_innovations_covariance_is_not_positive_landmarks_are_given_up() -> None:
     points = far_points(30, 40.0)
-    filter_ = filter_that_sees(points, FORWARD, 10, chi2_gate=0.0)
+    filter_ = filter_that_sees(points, FORWARD, 30, chi2_gate=0.0)
     small = filter_.covariance[:SIZE, :SIZE].copy()
     # Two landmarks that are more than one: what rounding might do at its worst.
     filter_.covariance[SIZE, SIZE + 3] = filter_.covariance[SIZE + 3, SIZE] = 1e3
@@ -284,7 +290,9 @@ def test_where_the_innovations_covariance_is_not_positive_landmarks_are_given_up
     assert outcome.used == 0
     np.testing.assert_array_equal(np.sort(outcome.rejected), np.arange(30))
     assert filter_.active == 0
-    # Nothing that it saw fitted: the twist may be off by ten of its deviations, and nothing else.
+    np.testing.assert_array_equal(filter_.covariance, small)
+    # Nothing that it saw fitted: the twist may change by ten of its deviations, and nothing else.
+    filter_.step(STANDING, NOTHING)
     doubted = small.diagonal().copy()
     doubted[TWIST] *= 100.0
     np.testing.assert_allclose(filter_.covariance.diagonal(), doubted, rtol=1e-12)
@@ -294,7 +302,21 @@ def test_where_the_innovations_covariance_is_not_positive_landmarks_are_given_up
     for _ in range(3):
         outcome = filter_.step(increment(FORWARD), frame_of(np.arange(100, 130), pixels))
         assert_sound(filter_)
-    assert outcome.used + len(outcome.rejected) == 30
+    assert outcome.used + len(outcome.rejected) + outcome.admitted == 30
+
+
+def test_a_body_that_stood_and_moves_off_is_followed() -> None:
+    points = far_points(30, 40.0)
+    filter_ = filter_that_sees(points, 0.0 * FORWARD, 100)
+    T_world_body, rng = np.eye(4), np.random.default_rng(15)
+    for k in range(10):
+        twist = 0.1 * k * np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.3])
+        T_world_body = T_world_body @ se3.exp(SECONDS * twist)
+        in_view, pixels = seen_from(T_world_body, points)
+        pixels += rng.standard_normal(pixels.shape)
+        filter_.step(increment(twist), frame_of(np.flatnonzero(in_view), pixels))
+    error = se3.log(se3.inverse(filter_.T_world_body) @ T_world_body)
+    assert error @ np.linalg.solve(filter_.pose_covariance, error) < 16.8  # one in a hundred
 
 
 def test_a_twist_that_is_contradicted_again_and_again_is_no_less_known_than_at_the_start() -> None:
@@ -345,15 +367,14 @@ def test_absurd_input_leaves_the_estimate_finite(
 
 def test_a_step_of_many_samples_is_as_many_steps_without_a_frame() -> None:
     twists = np.array([[8.0, 0.1, 0.0, 0.01, 0.02, 0.3]]) + 0.01 * np.arange(7.0)[:, None]
-    nothing = frame_of(np.arange(0), np.empty((0, 4)))
     points = far_points(8, 40.0)
     one, many = (filter_that_sees(points, FORWARD, 5) for _ in range(2))
     steps = [increment(twist) for twist in twists]
     steps[3] = dataclasses.replace(steps[3], parts=(Part(SECONDS, None),))
     for step in steps:
-        many.step(step, nothing)
+        many.step(step, NOTHING)
     parts = tuple(part for step in steps for part in step.parts)
-    one.step(Increment(np.eye(4), SECONDS, np.zeros((6, 6)), parts), nothing)
+    one.step(Increment(np.eye(4), SECONDS, np.zeros((6, 6)), parts), NOTHING)
     assert_allclose(one.T_world_body, many.T_world_body, atol=1e-12)
     assert_allclose(one.covariance, many.covariance, rtol=1e-9, atol=1e-12)
 
@@ -362,8 +383,7 @@ def test_a_manoeuvre_while_no_frame_comes_is_followed() -> None:
     filter_ = filter_that_sees(far_points(8, 40.0), FORWARD, 30)
     turning = increment(FORWARD + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
     parts = increment(FORWARD).parts + 2 * turning.parts
-    nothing = frame_of(np.arange(0), np.empty((0, 4)))
-    filter_.step(Increment(np.eye(4), 3 * SECONDS, np.zeros((6, 6)), parts), nothing)
+    filter_.step(Increment(np.eye(4), 3 * SECONDS, np.zeros((6, 6)), parts), NOTHING)
     assert_allclose(filter_.vehicle.body_twist[5], 1.0, atol=0.1)
 
 
@@ -381,7 +401,7 @@ def test_without_a_sample_the_twist_goes_on_and_is_known_the_less_the_longer_it_
     for _ in range(3):
         filter_.step(
             Increment(np.eye(4), SECONDS, np.zeros((6, 6)), (Part(SECONDS, None),)),
-            frame_of(np.arange(0), np.empty((0, 4))),
+            NOTHING,
         )
         std.append(np.sqrt(np.diag(filter_.covariance)[TWIST]))
     assert_allclose(filter_.vehicle.twist, before)

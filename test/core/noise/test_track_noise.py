@@ -290,3 +290,103 @@ def test_where_errors_stay_ten_observations_tell_as_much_as_one() -> None:
     stays(noise, 1.0, 1.0, 100)
     assert noise.has_offsets
     assert noise.observations_per_independent == 10.0
+
+
+def scales_with_tails(
+    noise: TrackNoise, residual: Array, S: Array, own: Array
+) -> tuple[Array, Array]:
+    """Variances (n, 3) with tails, and the scales of a plain loop over all the observations."""
+    n = len(residual)
+    inverse = np.asarray(np.linalg.inv(S), dtype=np.float64)
+    variances = noise.variances(np.arange(n))
+    found = noise.with_tails(np.arange(n), variances, inverse, inverse @ residual.ravel())
+    plain = []
+    for i in range(n):
+        mine = np.arange(3 * i, 3 * i + 3)
+        others = np.setdiff1d(np.arange(3 * n), mine)
+        gain = S[np.ix_(mine, others)] @ np.linalg.inv(S[np.ix_(others, others)])
+        error = residual[i] - gain @ residual.ravel()[others]
+        R_0 = noise.level * np.diag(PRIOR)
+        A = S[np.ix_(mine, mine)] - gain @ S[np.ix_(others, mine)] - own[i] * R_0
+        s = own[i]
+        for _ in range(6):
+            information = np.linalg.inv(A + s * R_0)
+            w = information @ error
+            of_noise = s**2 * w @ R_0 @ w + s * (3 - s * np.trace(information @ R_0))
+            # The track's own scale counts as six numbers.
+            s = max(own[i], (6 * own[i] + of_noise) / 9)
+        plain.append(s if s >= 1.5 * own[i] else own[i])
+    return found, np.array(plain)
+
+
+def judged_together(seed: int, wrong: float = 0.0) -> tuple[Array, Array, Array, TrackNoise]:
+    """Innovations (12, 3) of tracks that share a motion, the first being off by so much."""
+    rng = np.random.default_rng(seed)
+    noise = track_noise()
+    noise.add(12)
+    # Tracks of different quality.
+    update(noise, rng.standard_normal((12, 3)) * np.linspace(0.3, 2.0, 12)[:, None])
+    own: Array = noise.variances(np.arange(12))[:, 0] / (noise.level * PRIOR[0])
+    shared = rng.standard_normal((36, 6))
+    S = 20.0 * shared @ shared.T + np.diag(noise.variances(np.arange(12)).ravel())
+    residual = (np.linalg.cholesky(S) @ rng.standard_normal(36)).reshape(12, 3)
+    residual[0, 0] += wrong
+    return residual, S, own, noise
+
+
+@pytest.mark.parametrize("wrong", [0.0, 5.0])
+def test_observations_have_the_scales_of_a_plain_loop(wrong: float) -> None:
+    residual, S, own, noise = judged_together(61, wrong)
+    variances, scales = scales_with_tails(noise, residual, S, own)
+    assert_allclose(variances, noise.level * scales[:, None] * PRIOR, rtol=1e-9)
+    assert np.all(scales >= own)
+    assert len(np.unique(own)) == 12
+
+
+def test_what_is_far_off_counts_for_less_and_what_is_honest_for_nearly_as_much_as_before() -> None:
+    shares = {
+        wrong: np.mean([tails(61 + seed, wrong) for seed in range(50)], axis=0)
+        for wrong in (0.0, 20.0)
+    }
+    assert np.all(shares[0.0] < 1.2)
+    assert shares[20.0][0] > 5.0
+    # It makes others look wrong, too, as each is judged by all, but by far less.
+    assert shares[20.0][0] > 3 * np.max(shares[20.0][1:])
+
+
+def tails(seed: int, wrong: float) -> Array:
+    """By how much (12,) the variances of observations are larger than their tracks'."""
+    residual, S, own, noise = judged_together(seed, wrong)
+    variances, _ = scales_with_tails(noise, residual, S, own)
+    ratio: Array = variances[:, 0] / (noise.level * PRIOR[0]) / own
+    return ratio
+
+
+def test_of_right_observations_few_are_taken_for_far_off() -> None:
+    ratios = np.array([tails(61 + seed, 0.0) for seed in range(200)])
+    assert np.mean(ratios > 1.0) < 0.1
+
+
+def test_the_farther_off_the_less_it_counts() -> None:
+    ratios = [tails(62, wrong)[0] for wrong in (5.0, 10.0, 20.0, 40.0)]
+    assert np.all(np.diff(ratios) > 0)
+
+
+def test_noise_that_is_held_has_no_tails() -> None:
+    noise = TrackNoise(PRIOR, 0.5, FrameRate(), learns=False)
+    noise.add(2)
+    variances = noise.variances(np.arange(2))
+    found = noise.with_tails(np.arange(2), variances, np.eye(6), np.full(6, 100.0))
+    assert_array_equal(found, variances)
+
+
+def test_of_disparities_with_an_offset_tails_are_told_by_what_is_observed() -> None:
+    noise = learned(100, 0.1, offset=0.6)
+    noise.remove(np.ones(TRACKS, dtype=bool))
+    noise.add(1)
+    assert_array_equal(noise.components, [0, 2])
+    R = noise.level * PRIOR[[0, 2]]
+    far = np.array([8.0, 0.0]) * np.sqrt(R)
+    found = noise.with_tails(np.arange(1), noise.variances(np.arange(1)), np.diag(1 / R), far / R)
+    # All of the innovation is noise: s = (6 + 8^2 / 1) / 8, from the first round on.
+    assert_allclose(found[0], noise.level * PRIOR * (6 + 64) / 8)

@@ -60,6 +60,7 @@ _MODEL, _BELIEF = "filters.robocentric_model", "operations.bias_belief"
 MECHANISMS: dict[str, Mechanism] = {
     "learned noise": Mechanism({"learn_noise": False}),
     "noise of each track": _by_constant(_TRACKS, "_PRIOR_NUMBERS", 1e6),
+    "heavy tails": _by_constant(_TRACKS, "_FAR_OFF", math.inf),
     "offsets of disparities": Mechanism({"disparity_offset_std": 0.0}),
     "gates": Mechanism({"chi2_gate": 0.0}),
     "wider gate where tracks differ": _by_constant(_TRACKS, "_WIDER_GATE", 1.0),

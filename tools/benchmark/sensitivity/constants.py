@@ -103,6 +103,7 @@ CONSTANTS: tuple[Constant, ...] = (
         ("_SHARE_OF_OFFSETS", (0.3, 0.5)),
         ("_WHERE_ERRORS_STAY", (1.0, 20.0)),
         ("_WIDER_GATE", (1.0, 3.0)),
+        ("_FAR_OFF", (1.0, 3.0)),
         "_RELATIVE_OFFSET",
     ),
     *_of("core.operations.bias_belief", ("_PRIOR_AT_NONE", (0.5, 0.999))),

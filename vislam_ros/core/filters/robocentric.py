@@ -25,7 +25,7 @@ taken sample by sample, and where samples are missing, 3 is left out:
 4. The body moves, and landmarks are warped by the same and the drift, ``P <- F P F^T``: all noise
    is in the vehicle state already. Those that come behind the camera are marginalized before.
 5. The frame's image points correct everything, but for those that gates reject, of a frame or of
-   all of a track's together.
+   all of a track's together. What is far off for its track counts for less.
 6. The noise of the motion is learned from what vision has seen of it. Where most of a frame was
    rejected, or the twist has changed by more than its walk foresees, and in the first steps, it is
    left in doubt.
@@ -307,11 +307,13 @@ class RobocentricFilter:
             return Outcome(rejected=rejected)
         residual, noise, slots = residual[chosen], noise[chosen], slots[chosen]
         used = self._track_noise.components
-        seen = residual[:, used]
+        tails = self._track_noise.with_tails(slots, noise, inliers.inverse, inliers.weighted)
+        seen, R, R_tails = residual[:, used], noise[:, used], tails[:, used]
+        inliers = gating.with_more_noise(inliers, (R_tails - R).ravel(), seen)
         # A correction in parts works where this inverse lies.
         information = inliers.inverse.diagonal().copy()
         self._believed = None
-        correction = DirectCorrection(seen, noise[:, used], slots, used, inliers)
+        correction = DirectCorrection(seen, R_tails, slots, used, inliers)
         self._shift(correct_gradually(self._state, correction))
         self._track_noise.update(slots, residual, noise, information, inliers.weighted)
         nis = float(seen.ravel() @ inliers.weighted)

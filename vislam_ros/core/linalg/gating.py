@@ -14,6 +14,7 @@ from vislam_ros.core.compiled import compiled
 from vislam_ros.core.linalg.linear_update import (
     diagonal_blocks,
     downdate,
+    innovation_covariance,
     keep_in_place,
     take,
 )
@@ -158,6 +159,28 @@ def without(inliers: Inliers, wrong: NDArray[np.bool_], residual: Array) -> Inli
         downdate(inverse, _whitened(own, cross))
     indices = inliers.indices[~wrong]
     return Inliers(indices, inverse, inverse @ residual[indices].ravel())
+
+
+def with_more_noise(inliers: Inliers, more: Array, residual: Array) -> Inliers:
+    """Give the inliers' numbers (k r,) more noise: S^-1 by Woodbury's formula.
+
+    It is made in the place of that of the inliers given.
+
+    Parameters
+    ----------
+    inliers : Inliers
+    more : ndarray, (k r,)
+        What is added to the diagonal of S, square pixels, nowhere negative.
+    residual : ndarray, (k, r)
+        The inliers' innovations, pixels.
+    """
+    changed = np.flatnonzero(more)
+    if not len(changed):
+        return inliers
+    inverse, inner = inliers.inverse, np.empty((len(changed), len(changed)))
+    innovation_covariance(inverse, changed, 1.0 / more[changed], inner)
+    downdate(inverse, _whitened(inner, inverse[changed]))
+    return Inliers(inliers.indices, inverse, inverse @ residual.ravel())
 
 
 def _whitened(A: Array, B: Array) -> Array:

@@ -49,6 +49,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.core.compiled import compiled
+from vislam_ros.core.linalg.linear_update import diagonal_blocks
+from vislam_ros.core.linalg.small_inverse import small_inverse
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.twist_noise import MEDIAN_TO_STD
 
@@ -64,7 +66,8 @@ _ENOUGH_ROWS = 20
 # times the prior standard deviation.
 _LARGEST_CHANGE = 0.3
 _LIMIT = math.log(1e4)
-# The prior of a track's own scale counts as this many numbers observed.
+# The prior of a track's own scale counts as this many numbers observed; so does the track's of an
+# observation's.
 _PRIOR_NUMBERS = 6.0
 # A disparity's error stays where it changes by less than this share of itself; see above for the
 # shares of errors that do.
@@ -82,6 +85,11 @@ _WHERE_ERRORS_STAY = 10.0
 _WIDER_GATE = 1.5
 # The offset grows with the disparity, by this share of it.
 _RELATIVE_OFFSET = 0.02
+
+# From which scale on, over its track's, an observation is far off: of right ones 1 in 17.
+_FAR_OFF = 1.5
+# How often an observation's scale and the estimate are found from each other at most.
+_ROUNDS = 6
 
 # Which of (u_left, u_right, v) a known landmark's observation adds.
 _ALL = np.array([0, 1, 2])
@@ -187,6 +195,32 @@ class TrackNoise:
     def variances(self, indices: NDArray[np.int64], factors: Array | float = 1.0) -> Array:
         """Variances (n, 3) of the image points of known landmarks, square pixels."""
         return self.level * (self._scale(indices) * factors)[:, None] * self._variances
+
+    def with_tails(
+        self, indices: NDArray[np.int64], variances: Array, inverse: Array, weighted: Array
+    ) -> Array:
+        """Variances (n, 3) of observations, larger where one is far off for its track.
+
+        Each is judged by its innovation given all the others, as the gate does.
+
+        Parameters
+        ----------
+        indices : ndarray of int64, (n,)
+            Indices of the landmarks seen, all different.
+        variances : ndarray, (n, 3)
+            With which S was worked out, square pixels.
+        inverse : ndarray, (n r, n r)
+            ``S^-1``, 1 / square pixels, r numbers for each landmark: those of ``components``.
+        weighted : ndarray, (n r,)
+            ``S^-1 r``, 1 / pixels.
+        """
+        if not self._learns:
+            return variances
+        used = self.components
+        blocks = diagonal_blocks(inverse, len(used))
+        own, w = self._scale(indices), weighted.reshape(-1, len(used))
+        larger: Array = _with_tails(blocks, w, variances, used, own)
+        return larger
 
     def expected(self, variances: Array, y: Array) -> Array:
         """Variances (n, 3) that innovations at image points (n, 3) add to those of the state."""
@@ -310,3 +344,49 @@ def _compare_errors(last: Array, indices: NDArray[np.int64], residual: Array) ->
             count += 1
             staying += abs(error - before) < _STAYS * abs(before)
     return count, staying
+
+
+@compiled("float64(float64, float64, int64)")
+def _posterior_scale(own: float, expected: float, r: int) -> float:
+    """Scale of an observation of r numbers by what is expected of it and its track's own."""
+    return (_PRIOR_NUMBERS * own + expected) / (_PRIOR_NUMBERS + r)
+
+
+@compiled(
+    "float64[:, ::1](float64[:, :, ::1], float64[:, ::1], float64[:, ::1], int64[::1],"
+    " float64[::1])"
+)
+def _with_tails(
+    D: Array, w: Array, variances: Array, used: NDArray[np.int64], own: Array
+) -> Array:
+    """Variances (n, 3) by their track's own scales (n,), and larger of what is far off.
+
+    The covariance ``A + s R_0`` of an innovation given the others is the inverse of its block of
+    ``S^-1``, (n, r, r), and ``w_i`` its part of ``S^-1 r``, both worked out with the own scales.
+    """
+    n, r = w.shape
+    larger = variances.copy()
+    for i in range(n):
+        expected = r * own[i]
+        for k in range(r):
+            expected += own[i] * variances[i, used[k]] * (w[i, k] * w[i, k] - D[i, k, k])
+        scale = max(own[i], _posterior_scale(own[i], expected, r))
+        if scale == own[i]:
+            continue
+        A, _ = small_inverse(D[i])
+        residual = A @ w[i]
+        for _ in range(1, _ROUNDS):
+            S, ratio = A.copy(), scale / own[i]
+            for k in range(r):
+                S[k, k] += (ratio - 1.0) * variances[i, used[k]]
+            inverse, _ = small_inverse(S)
+            weighted = inverse @ residual
+            expected = r * scale
+            for k in range(r):
+                R = ratio * variances[i, used[k]]
+                expected += scale * R * (weighted[k] * weighted[k] - inverse[k, k])
+            scale = max(own[i], _posterior_scale(own[i], expected, r))
+        if scale >= _FAR_OFF * own[i]:
+            for k in range(3):
+                larger[i, k] *= scale / own[i]
+    return larger

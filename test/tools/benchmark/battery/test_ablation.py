@@ -10,7 +10,7 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings
 
 ROWS: list[BatteryRow] = [Simulated("walk", 6), Simulated("flight", 6)]
-NAMES = ("sums of innovations", "lens")
+NAMES = ("heavy tails", "lens")
 
 
 def test_each_mechanism_has_a_battery_of_its_own_beside_that_of_the_whole_filter(

@@ -32,7 +32,7 @@ def as_it_is() -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     "name",
-    ["learned noise", "gates", "sums of innovations", "tempered bias", "bias against none"],
+    ["learned noise", "heavy tails", "sums of innovations", "tempered bias", "bias against none"],
 )
 def test_without_a_mechanism_the_estimate_is_another(
     name: str,

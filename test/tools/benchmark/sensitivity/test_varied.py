@@ -1,6 +1,7 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
+import pytest
 from benchmark.sensitivity.constants import CONSTANTS, Constant, scaled
 from benchmark.sensitivity.varied import varied
 from numerics import CAMERA
@@ -10,6 +11,8 @@ from vislam_ros.core import motion
 from vislam_ros.core.filters import robocentric, robocentric_model
 from vislam_ros.core.geometry import warp
 from vislam_ros.core.noise import motion_noise, track_noise
+from vislam_ros.core.noise.frame_rate import FrameRate
+from vislam_ros.core.noise.track_noise import TrackNoise
 
 
 def named(key: str) -> Constant:
@@ -69,18 +72,17 @@ def test_modules_that_have_imported_a_compiled_function_use_the_other_value() ->
 
 
 def test_two_values_of_one_constant_do_not_mix() -> None:
-    one = np.array([0])
+    noise = TrackNoise(np.ones(3), 0.0, FrameRate(), learns=True)
+    noise.add(1)
+    first, far = np.array([0]), np.array([8.0, 0.0, 0.0])
 
-    def staying() -> int:
-        """Of one error, 1.3 after 1, how many stay near the one before."""
-        _, count = vars(track_noise)["_compare_errors"](
-            np.ones(1), one, np.array([[1.3, 0.0, 0.0]])
-        )
-        return int(count)
+    def variance() -> float:
+        return noise.with_tails(first, np.ones((1, 3)), np.eye(3), far)[0, 0].item()
 
-    found = []
-    for share in (0.2, 0.4, 0.2):
-        with varied(named("core.noise.track_noise._STAYS"), share):
-            found.append(staying())
-    assert found == [0, 1, 0]
-    assert staying() == 1
+    as_is, found = variance(), []
+    for numbers in (3.0, 5.0, 3.0):
+        with varied(named("core.noise.track_noise._PRIOR_NUMBERS"), numbers):
+            found.append(variance())
+    # The prior's numbers of one, and 8 squared, by all numbers there are.
+    assert found == pytest.approx([67 / 6, 69 / 8, 67 / 6])
+    assert variance() == as_is == pytest.approx(70 / 9)
