@@ -114,6 +114,25 @@ def test_the_prior_of_the_walk_counts_as_five_steps() -> None:
         assert_allclose(noise.walk_variance, (5 + 4 * steps) / (5 + steps) * WALK**2)
 
 
+def test_a_walk_that_is_told_counts_as_five_steps_again() -> None:
+    noise, told = MotionNoise(TWIST, WALK, FrameRate()), 3 * WALK
+    for _ in range(50):
+        Q = 0.1 * noise.walk_variance
+        noise.update(np.sqrt(0.1) * WALK, Q, np.zeros(6), np.zeros(6), np.ones(6), 0.1)
+    noise.tell(TWIST, told)
+    Q = 0.1 * noise.walk_variance
+    noise.update(np.sqrt(0.1) * 2 * told, Q, np.zeros(6), np.zeros(6), np.ones(6), 0.1)
+    assert_allclose(noise.walk_variance, (5 + 4) / 6 * told**2)
+
+
+def test_ten_steps_are_a_beginning() -> None:
+    noise = MotionNoise(TWIST, WALK, FrameRate())
+    for _ in range(10):
+        assert noise.begins
+        noise.update(WALK, WALK**2, 0.5 * WALK**2, np.zeros(6), np.ones(6), 0.1)
+    assert not noise.begins
+
+
 def test_what_remains_uncertain_of_a_change_counts_with_what_is_seen_of_it() -> None:
     noise = MotionNoise(TWIST, WALK, FrameRate())
     # Twice as much was unknown as the step has added, and half of that still is.
