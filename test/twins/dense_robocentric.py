@@ -126,21 +126,18 @@ class DenseRobocentricFilter:
         factors = stated_factors(self.track_noise, frame, self.told_V[0, 0])
         if known:
             rejected = self.correct([keys[i] for i in known], frame.pixels[known], factors[known])
-            sampled = bool(increment.parts) and measured is not None
-            if self.settings.learn_noise and sampled and len(rejected) < len(known):
-                change = self.estimate[TWIST] - twist
-                H = self.twist_rows()
-                error = np.asarray(measured) - H @ self.estimate
-                after = np.diag(self.P)[TWIST]
-                error_variance = np.diag(H @ self.P @ H.T)
-                self.motion_noise.update(change, variances, after, error, error_variance, tau)
         self.rejected = rejected
         self.doubted = np.full(6, bool(rejected) and 2 * len(rejected) >= len(known))
         if increment.parts and len(rejected) < len(known):
-            change = self.estimate[TWIST] - twist
-            foreseen = np.maximum(variances - self.P.diagonal()[TWIST], 0.0)
-            begins = self.settings.learn_noise and self.motion_noise.begins
-            self.doubted |= begins | (change**2 > 9.0 * foreseen)
+            change, after = self.estimate[TWIST] - twist, np.diag(self.P)[TWIST]
+            learns = self.settings.learn_noise
+            if learns and measured is not None:
+                H = self.twist_rows()
+                error = np.asarray(measured) - H @ self.estimate
+                error_variance = np.diag(H @ self.P @ H.T)
+                self.motion_noise.update(change, variances, after, error, error_variance, tau)
+            foreseen = np.maximum(variances - after, 0.0)
+            self.doubted |= (learns and self.motion_noise.begins) | (change**2 > 9.0 * foreseen)
         self.initialize([keys[i] for i in new], frame.pixels[new], factors[new])
         if self.clone_poses:
             self.clones.append((self.T_world_body, len(self.P)))

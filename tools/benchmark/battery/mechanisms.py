@@ -73,7 +73,7 @@ MECHANISMS: dict[str, Mechanism] = {
     "bias against none": _by_constant(_BELIEF, "_PRIOR_AT_NONE", 0.0),
     "tempered bias": Mechanism(off=_untempered),
     "slow errors of the twist": _by_constant(_MOTION, "_CONTRADICTED", math.inf),
-    "doubt of a contradicted twist": _by_constant(_MODEL, "_DOUBT", 1.0),
+    "doubt of the twist": _by_constant(_MODEL, "_DOUBT", 1.0),
     "unforeseen changes": _by_constant(_MODEL, "_UNFORESEEN", math.inf),
 }
 

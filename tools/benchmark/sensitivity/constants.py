@@ -111,6 +111,7 @@ CONSTANTS: tuple[Constant, ...] = (
         "core.noise.motion_noise",
         "_MEMORY",
         "_PRIOR_STEPS",
+        "_FIRST_STEPS",
         "_ENOUGH_STEPS",
         "_CONTRADICTED",
         "_SMALLEST_NOISE",

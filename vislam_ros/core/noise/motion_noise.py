@@ -11,11 +11,10 @@ w``, ``w ~ N(0, Q)``, and for the measurement ``z = h(x) + n``, ``n ~ N(0, R)`` 
     E[w^2] = (g (u+ - u-))^2 + Q - g^2 (P- - P+),    g = Q / P-
     E[n^2] = (z - h(x+))^2 + H P+ H^T
 
-where - and + stand for before and after all that was measured in the step. With S the variance of
-what was measured, as one number of the twist, ``E[w^2] - Q`` is ``(Q / S)^2`` times what Fisher's
-scoring would change Q by, and ``(Q / S)^2``, with ``Q / S = g (1 - P+ / P-)``, is what the step
-tells of Q beside one that sees it exactly. So a step counts by that: where vision sees little, a
-mean over all steps alike would stay at the prior for a drive. Slow errors of the
+where - and + stand for before and after all that was measured in the step. If that were one number
+of the twist, with the variance S, then ``Q / S = g (1 - P+ / P-)``, and ``(Q / S)^2`` is the
+information of the step on Q beside that of one that sees it exactly. A step counts by it: where
+vision sees little, a mean of all steps alike would stay at the prior for a drive. Slow errors of the
 model would pass for noise of the measured twist, so the level of its third differences (see
 twist_noise), which know none, bounds it; that alone counts until vision has seen enough.
 
