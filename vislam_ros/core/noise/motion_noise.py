@@ -14,9 +14,11 @@ w``, ``w ~ N(0, Q)``, and for the measurement ``z = h(x) + n``, ``n ~ N(0, R)`` 
 where - and + stand for before and after all that was measured in the step. If that were one number
 of the twist, with the variance S, then ``Q / S = g (1 - P+ / P-)``, and ``(Q / S)^2`` is the
 information of the step on Q beside that of one that sees it exactly. A step counts by it: where
-vision sees little, a mean of all steps alike would stay at the prior for a drive. Slow errors of the
-model would pass for noise of the measured twist, so the level of its third differences (see
-twist_noise), which know none, bounds it; that alone counts until vision has seen enough.
+vision sees little, a mean of all steps alike would stay at the prior for a drive.
+
+Slow errors of the model would pass for noise of the measured twist, so the level of its third
+differences (see twist_noise), which know none, bounds it; that alone counts until vision has seen
+enough.
 
 Where the measured twist itself is slowly wrong, that bound is not: a velocity that points some
 degrees beside the motion for minutes, as on KITTI-360, is smooth and repeats itself to the
