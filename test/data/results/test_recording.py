@@ -1,15 +1,17 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which pass of a live run a verdict is on."""
+"""Which pass of a live run a verdict is on, and what of its messages is kept once."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_typestore
 from step_rows import step_row
 
 from vislam_ros.core.verdict.reason import Judgement, Word
-from vislam_ros.data.bags.layout import ODOMETRY, STEPS
+from vislam_ros.data.bags.layout import EXTRINSICS, ODOMETRY, STEPS
 from vislam_ros.data.results.recording import Pose, Raw, Recording
 from vislam_ros.data.results.summary import read_summary
 
@@ -68,3 +70,34 @@ def test_a_verdict_on_all_steps_gives_way_to_no_other(
     recording.set_verdict(Judgement(STAMPS[0], Word.GOOD, ()))
     recording.flush()
     assert verdict_in(tmp_path / "run") == ("doubtful", list(BAD))
+
+
+def extrinsics(stamp: int, x: float, padding: int) -> Raw:
+    """Extrinsics whose serialiser leaves such bytes between their fields."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    message = types[EXTRINSICS.msgtype](
+        types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](stamp, 0), "base_link"),
+        "camera_left",
+        types["geometry_msgs/msg/Transform"](
+            types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0),
+            types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        ),
+    )
+    data = bytearray(store.serialize_cdr(message, EXTRINSICS.msgtype))
+    after_name = data.index(b"base_link\0") + len(b"base_link\0")
+    assert data[after_name : after_name + 2] == b"\0\0"
+    data[after_name : after_name + 2] = 2 * bytes([padding])
+    return Raw(EXTRINSICS, bytes(data))
+
+
+def test_what_is_latched_is_kept_once_whatever_lies_between_its_fields(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "run", force=False, record_mcap=True)
+    for k, x in enumerate([1.0, 1.0, 1.0, 2.0]):
+        recording.add_latched(extrinsics(k, x, padding=7 * k))
+    add_steps(recording, STAMPS)
+    recording.finish(complete=True)
+    with (tmp_path / "run" / "results.mcap").open("rb") as file:
+        messages = make_reader(file).iter_messages(topics=EXTRINSICS.recorded)
+        kept = [message.data for *_, message in messages]
+    assert kept == [extrinsics(0, 1.0, 0).data, extrinsics(3, 2.0, 21).data]

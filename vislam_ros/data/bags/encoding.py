@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from vislam_ros.data.bags.feature_cloud import (
@@ -58,6 +59,12 @@ def encode_drive(
     streams = messages.streams()
     streams.append((FEATURES, drive.feature_stamps, messages.features))
     yield from in_order(drive.name, messages.latched, streams, store)
+
+
+def without_padding(data: bytes, msgtype: str) -> bytes:
+    """CDR of a message, with zeros between its fields, where who serialised it leaves anything."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    return bytes(store.serialize_cdr(store.deserialize_cdr(data, msgtype), msgtype))
 
 
 def in_order(

@@ -19,6 +19,7 @@ from vislam_ros.core.settings import MotionSettings
 from vislam_ros.core.step import Row
 from vislam_ros.core.tracking.time_order import TimeOrder
 from vislam_ros.core.verdict.reason import Judgement
+from vislam_ros.data.bags.encoding import without_padding
 from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.message_log import MessageLog
 from vislam_ros.data.results.scene import Made, Scene
@@ -280,9 +281,10 @@ class Recording:
 
     def add_latched(self, raw: Raw) -> None:
         """Add a message that holds until another comes; of the same again, only the first."""
+        plain = Raw(raw.topic, without_padding(raw.data, raw.topic.msgtype))
         before = self._latched.get(raw.topic)
-        self._latched[raw.topic] = raw
-        if before is None or before.data[_AFTER_STAMP:] != raw.data[_AFTER_STAMP:]:
+        self._latched[raw.topic] = plain
+        if before is None or before.data[_AFTER_STAMP:] != plain.data[_AFTER_STAMP:]:
             self.add_other(raw)
 
     def add_other(self, raw: Raw) -> None:
