@@ -21,14 +21,17 @@ WAIT = 10.0
 
 
 # The latter where rclpy is older than 7.1.4.
-both_executors = pytest.mark.parametrize("executor", [EventsExecutor, SingleThreadedExecutor])
+@pytest.fixture(params=[EventsExecutor, SingleThreadedExecutor])
+def executor(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let nodes be spun by each in turn."""
+    monkeypatch.setattr(spin, "EventsExecutor", request.param)
 
 
-@both_executors
-def test_a_thread_answers_until_the_block_ends(
-    context: Context, monkeypatch: pytest.MonkeyPatch, executor: Any
-) -> None:
-    monkeypatch.setattr(spin, "EventsExecutor", executor)
+each_executor = pytest.mark.usefixtures("executor")
+
+
+@each_executor
+def test_a_thread_answers_until_the_block_ends(context: Context) -> None:
     node = Node("spun", context=context)
     heard = threading.Event()
     node.create_subscription(Empty, "said", lambda _: heard.set(), 1)
@@ -41,11 +44,8 @@ def test_a_thread_answers_until_the_block_ends(
     node.destroy_node()
 
 
-@both_executors
-def test_what_comes_for_a_subscription_that_is_gone_by_then_ends_nothing(
-    context: Context, monkeypatch: pytest.MonkeyPatch, executor: Any
-) -> None:
-    monkeypatch.setattr(spin, "EventsExecutor", executor)
+@each_executor
+def test_what_comes_for_a_subscription_that_is_gone_by_then_ends_nothing(context: Context) -> None:
     node = Node("spun", context=context)
     heard: list[str] = []
     matched = SubscriptionEventCallbacks(matched=lambda _: None)

@@ -13,7 +13,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
-from rosbags.typesys import Stores, get_typestore
 from std_srvs.srv import Trigger
 
 from vislam_ros.core.tracking.refusals import (
@@ -24,6 +23,7 @@ from vislam_ros.core.tracking.refusals import (
     refusal_of,
 )
 from vislam_ros.data.bags import decoding
+from vislam_ros.data.bags.encoding import jazzy_types
 from vislam_ros.data.bags.layout import DIAGNOSTICS, TRANSFORMS, Topic
 from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import OutputError, VislamError
@@ -291,7 +291,7 @@ class Monitor:
 def _decoded(topic: Topic, message_type: Any, data: bytes) -> Any:
     try:
         if topic.msgtype == TRANSFORMS.msgtype:  # a class that was made decodes nothing
-            return get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(data, topic.msgtype)
+            return jazzy_types().deserialize_cdr(data, topic.msgtype)
         return deserialize_message(data, message_type)
     except Exception as error:  # rclpy has a class of its own for each way to fail
         raise RefusedMessage(Refusal.UNDECODABLE) from error

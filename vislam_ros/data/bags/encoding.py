@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a drive to its messages, in the order in which a bag holds them."""
 
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeAlias
 
@@ -42,6 +43,18 @@ _ABSENT = np.array([-1.0, *[0.0] * 8])
 _UNKNOWN_6 = np.zeros(36)
 
 
+@functools.cache
+def jazzy_types() -> Typestore:
+    """Return the message types of ROS 2 Jazzy; one store for all, as each compiles its code."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def without_padding(data: bytes, msgtype: str) -> bytes:
+    """CDR of a message, with zeros between its fields, where who serialised it leaves anything."""
+    store = jazzy_types()
+    return bytes(store.serialize_cdr(store.deserialize_cdr(data, msgtype), msgtype))
+
+
 def encode_drive(
     drive: Drive, frames: Frames, store: Typestore
 ) -> Iterator[tuple[Topic, int, memoryview]]:
@@ -59,12 +72,6 @@ def encode_drive(
     streams = messages.streams()
     streams.append((FEATURES, drive.feature_stamps, messages.features))
     yield from in_order(drive.name, messages.latched, streams, store)
-
-
-def without_padding(data: bytes, msgtype: str) -> bytes:
-    """CDR of a message, with zeros between its fields, where who serialised it leaves anything."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    return bytes(store.serialize_cdr(store.deserialize_cdr(data, msgtype), msgtype))
 
 
 def in_order(

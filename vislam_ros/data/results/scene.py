@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from rosbags.typesys import Stores, get_typestore
 
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.tracking.refusals import RefusedMessage, check_pose
+from vislam_ros.data.bags.encoding import jazzy_types
 from vislam_ros.data.bags.layout import PATH, STATIC_TRANSFORMS, TRANSFORMS, Topic
 from vislam_ros.data.trajectory import NANOSECONDS
 
@@ -29,7 +29,7 @@ _MOST_OF_A_PATH = 8192
 _GROWTH = 1.25
 _FIRST_PATH = 8
 
-_STORE = get_typestore(Stores.ROS2_JAZZY)
+_STORE = jazzy_types()
 _NEW: dict[str, Any] = {name.rsplit("/")[-1]: made for name, made in _STORE.types.items()}
 
 
