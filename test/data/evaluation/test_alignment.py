@@ -13,6 +13,7 @@ from vislam_ros.data.evaluation.alignment import (
     AlignmentKind,
     align_positions,
     alignment,
+    best_scale,
     yaw_alignment,
 )
 from vislam_ros.errors import VislamError
@@ -50,6 +51,27 @@ def test_no_turn_about_the_vertical_fits_better() -> None:
     T = yaw_alignment(source, target)
     assert np.sum((moved(source, T) - target) ** 2) == pytest.approx(best.fun, rel=1e-9)
     assert T[2, :3].tolist() == [0.0, 0.0, 1.0]
+
+
+def test_the_scale_of_a_path_that_was_stretched_and_moved_is_found() -> None:
+    target = moved(1.02 * curve(), se3.exp([1, 2, 3, 0.1, -0.2, 1.0]))
+    assert best_scale(curve(), target) == pytest.approx(1.02, abs=1e-12)
+
+
+def test_no_scale_of_the_aligned_path_fits_better() -> None:
+    rng = np.random.default_rng(0)
+    source = curve() + rng.normal(size=(80, 3))
+    target = moved(curve(), se3.exp([1, 2, 3, 0.1, -0.2, 1.0]))
+
+    def cost(scale: float) -> float:
+        return float(np.sum(align_positions(scale * source, target).residual ** 2))
+
+    best = minimize_scalar(cost, bounds=(0.5, 1.5), method="bounded", options={"xatol": 1e-9})
+    assert best_scale(source, target) == pytest.approx(best.x, abs=1e-6)
+
+
+def test_a_body_that_never_moves_has_no_scale() -> None:
+    assert best_scale(np.ones((5, 3)), curve(5)) is None
 
 
 def test_each_freedom_fits_at_least_as_well_as_the_lesser_one() -> None:

@@ -97,13 +97,14 @@ def _error_table(rows: Sequence[Row]) -> Table:
     """Errors and consistency of each estimate."""
     table = _table(rows)
     headings = [heading for heading, *_ in _ERRORS]
-    for heading in ("poses", *headings, "NEES/6\nmean", "NEES/6\ninside"):
+    for heading in ("poses", *headings, "scale", "NEES/6\nmean", "NEES/6\ninside"):
         table.add_column(Text(heading), justify="right", no_wrap=True)
     for row in rows:
         figures = row[2]
         cells = [str(figures["poses"])]
         for _, name, statistic, decimals in _ERRORS:
             cells.append(_number((figures[name] or {}).get(statistic), decimals))
+        cells.append(_number(figures["scale"], 4))
         inside = figures.get("nees_inside")
         cells.append(_number(figures.get("nees_per_dof"), 2))
         cells.append("-" if inside is None else f"{100 * inside:.0f} %")

@@ -81,6 +81,24 @@ def alignment(source: Array, target: Array) -> Array:
     return _motion(R, source_mean, target_mean)
 
 
+def best_scale(source: Array, target: Array) -> float | None:
+    """By how much an aligned path is to be stretched to fit best: Umeyama's eq. 42.
+
+    Parameters
+    ----------
+    source, target : ndarray, (n, 3)
+
+    Returns
+    -------
+    float or None
+        1 where both are in the same metres; None where the source is a single point.
+    """
+    R = alignment(source, target)[:3, :3]
+    source, target = source - source.mean(axis=0), target - target.mean(axis=0)
+    extent = float(np.sum(source**2))
+    return float(np.sum(target * (source @ R.T))) / extent if extent > 0 else None
+
+
 def yaw_alignment(source: Array, target: Array) -> Array:
     """The same among turns about z with a shift.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.data.evaluation.alignment import AlignmentKind, align_positions
+from vislam_ros.data.evaluation.alignment import AlignmentKind, align_positions, best_scale
 from vislam_ros.data.evaluation.association import MAX_DIFFERENCE, associate
 from vislam_ros.data.evaluation.consistency import consistency_figures, normalised_errors
 from vislam_ros.data.evaluation.relative import (
@@ -71,11 +71,13 @@ def compare(
     -------
     dict
         ``poses`` compared; ``alignment`` and ``alignment_ambiguity``, why another one fits as well
-        or None; statistics of ``ate_m`` after alignment, of ``rpe_frame_m`` and ``rpe_frame_deg``
-        from frame to frame, of ``rpe_100m_m`` and ``rpe_100m_deg`` over each 100 m of path (None
-        where the drive is shorter); ``kitti``, the means over all stretches of the path (None
-        where there is none), and ``kitti_by_length``, those of each length (see
-        :func:`~vislam_ros.data.evaluation.relative.stretch_errors`); with covariances, what
+        or None; ``scale``, the factor by which the aligned path fits best, which is not applied
+        (None where all its poses are at one place); statistics of ``ate_m`` after alignment, of
+        ``rpe_frame_m`` and ``rpe_frame_deg`` from frame to frame, of ``rpe_100m_m`` and
+        ``rpe_100m_deg`` over each 100 m of path (None where the drive is shorter); ``kitti``, the
+        means over all stretches of the path (None where there is none), and ``kitti_by_length``,
+        those of each length (see :func:`~vislam_ros.data.evaluation.relative.stretch_errors`);
+        with covariances, what
         :func:`~vislam_ros.data.evaluation.consistency.consistency_figures` says.
 
     Raises
@@ -91,6 +93,7 @@ def compare(
         "poses": len(i),
         "alignment": align,
         "alignment_ambiguity": aligned.ambiguity,
+        "scale": best_scale(source, reference.positions[i]),
         "ate_m": statistics(np.linalg.norm(aligned.residual, axis=1)),
     }
     for name, pairs in (
@@ -153,6 +156,8 @@ class Evaluation:
         the reference stands still.
     alignment_ambiguity : str or None
         Why another alignment would fit as well, where one does.
+    scale : float or None
+        By which factor the aligned path would fit best; it is not applied.
     """
 
     poses: int
@@ -167,6 +172,7 @@ class Evaluation:
     kitti_percent: float | None = None
     kitti_deg_per_100m: float | None = None
     alignment_ambiguity: str | None = None
+    scale: float | None = None
 
 
 def evaluate(
@@ -222,6 +228,7 @@ def evaluate(
         kitti_percent=kitti.get("translation_percent"),
         kitti_deg_per_100m=kitti.get("rotation_deg_per_100m"),
         alignment_ambiguity=figures["alignment_ambiguity"],
+        scale=figures["scale"],
     )
 
 
