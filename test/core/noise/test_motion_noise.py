@@ -71,7 +71,7 @@ def test_a_twist_that_never_changes_keeps_some_room() -> None:
 
 def test_a_twist_without_any_noise_keeps_some() -> None:
     noise = MotionNoise(TWIST, WALK, FrameRate())
-    for _ in range(60):
+    for _ in range(3000):
         noise.add(np.array([1.0, 0, 0, 0, 0, 0.1]))
         noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.zeros(6), np.zeros(6), 0.1)
     assert_allclose(np.sqrt(noise.twist_variance), np.repeat([1e-5, 1e-6], 3))
@@ -93,14 +93,13 @@ def test_what_vision_sees_of_the_measured_twists_noise_counts_where_it_is_less()
 
 def test_what_vision_has_seen_fades_within_half_a_minute_at_any_rate(rate: FrameRate) -> None:
     noise, tau = MotionNoise(TWIST, WALK, rate), 1.0 / rate.hertz
-    for seconds, std in ((120, 0.1), (30, 0.2)):
+    for seconds, std in ((600, 0.1), (30, 0.2)):
         squares = np.full(6, std**2)
         for _ in range(seconds * rate.hertz):
             # Vision sees all of the motion, so that the walk is the mean square of its changes.
             before = tau * noise.walk_variance
-            noise.update(
-                np.sqrt(tau * squares), before, np.zeros(6), np.zeros(6), 0.01 * squares, tau
-            )
+            change, error = np.sqrt(tau * squares), 0.1 * np.sqrt(squares)
+            noise.update(change, before, np.zeros(6), error, np.zeros(6), tau)
     expected = 0.2**2 + (0.1**2 - 0.2**2) * np.exp(-1)
     assert_allclose(noise.walk_variance, expected, rtol=0.01)
     assert_allclose(noise.twist_variance, 0.01 * expected, rtol=0.01)
@@ -143,14 +142,27 @@ def test_what_remains_uncertain_of_a_change_counts_with_what_is_seen_of_it() -> 
 
 def test_vision_bounds_the_twists_noise_from_fifty_steps_on() -> None:
     noise = MotionNoise(TWIST, WALK, FrameRate())
-    for steps in range(1, 52):
-        # The mean over a sensor's axes, and over the steps.
-        squares = np.array([1, 2, 6, 2, 3, 4]) * (2 if steps % 2 else 1) * 1e-4
-        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.zeros(6), squares, 0.1)
-        if steps < 50:
-            assert_allclose(noise.twist_variance, TWIST**2)
-        elif steps == 50:
-            assert_allclose(noise.twist_variance, np.full(6, 4.5e-4))
+    for _ in range(50):
+        assert_allclose(noise.twist_variance, TWIST**2)
+        # The mean over a sensor's axes counts.
+        squares = np.array([1, 2, 6, 2, 3, 4]) * 1e-4
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.sqrt(squares), np.zeros(6), 0.1)
+    # Five steps that the prior counts as, and these.
+    assert_allclose(noise.twist_variance, TWIST**2 + (3e-4 - TWIST**2) / (5 + 50))
+
+
+@pytest.mark.parametrize("vision", [0.3, 1.0, 3.0])
+def test_a_noise_of_the_twist_is_found_however_little_vision_sees_of_it(vision: float) -> None:
+    """What vision leaves of the twist is so many times the noise that is looked for."""
+    rng = np.random.default_rng(44)
+    noise, true = MotionNoise(TWIST, WALK, FrameRate()), 0.1 * TWIST
+    A = np.square(vision * true)
+    for _ in range(4000):
+        R = noise.twist_variance
+        innovation = np.sqrt(A + true**2) * rng.standard_normal(6)
+        error, variance = R / (A + R) * innovation, A * R / (A + R)
+        noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, error, variance, 0.1)
+    assert_allclose(np.sqrt(noise.twist_variance), true, rtol=0.2)
 
 
 def test_a_slow_error_of_the_twist_is_its_noise_where_vision_contradicts_it() -> None:

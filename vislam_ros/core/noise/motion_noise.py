@@ -3,18 +3,22 @@
 """Noise levels of the motion, learned as the filter goes.
 
 Where vision has seen a step, the filter knows how much the twist has changed in it and how far the
-measured twist was off: the expectation-maximisation step of Shumway and Stoffer (*An approach to
-time series smoothing and forecasting using the EM algorithm*, 1982), with filtered moments in
-place of smoothed ones and a mean that forgets. On each axis, for the random step ``u = u_before +
-w``, ``w ~ N(0, Q)``, and for the measurement ``z = h(x) + n``, ``n ~ N(0, R)`` ::
+measured twist was off: the expectations of Shumway and Stoffer (*An approach to time series
+smoothing and forecasting using the EM algorithm*, 1982), with filtered moments in place of
+smoothed ones. On each axis, for the random step ``u = u_before + w``, ``w ~ N(0, Q)``, and for the
+measurement ``z = h(x) + n``, ``n ~ N(0, R)`` ::
 
     E[w^2] = (g (u+ - u-))^2 + Q - g^2 (P- - P+),    g = Q / P-
     E[n^2] = (z - h(x+))^2 + H P+ H^T
 
-where - and + stand for before and after all that was measured in the step. If that were one number
-of the twist, with the variance S, then ``Q / S = g (1 - P+ / P-)``, and ``(Q / S)^2`` is the
-information of the step on Q beside that of one that sees it exactly. A step counts by it: where
-vision sees little, a mean of all steps alike would stay at the prior for a drive.
+where - and + stand for before and after all that was measured in the step. If all were one number,
+with an innovation nu of variance S, then ``E[n^2] = R + (R / S)^2 (nu^2 - S)``, and the same of Q:
+where vision sees little, an expectation stays near what was believed before it, and so would the
+mean of all. ``(R / S)^2`` is the information of the step on R beside that of one that sees it
+exactly, so a step counts by it: R moves by ``E[n^2] - R`` over the sum of what is known, Fisher's
+scoring. Here ``R / S = 1 - H P+ H^T / R`` and ``Q / S = g (1 - P+ / P-)``. Of Q the sum is kept in
+steps, for a body that stood begins to move again. Of R it is one of ``1 / S^2``: a sensor keeps
+its noise, which is found from above, and a step told less while more of it was believed.
 
 Slow errors of the model would pass for noise of the measured twist, so the level of its third
 differences (see twist_noise), which know none, bounds it; that alone counts until vision has seen
@@ -42,8 +46,8 @@ Array = NDArray[np.float64]
 
 # Memory of what vision has seen of the motion [s].
 _MEMORY = 30.0
-# Evidence, which comes by the step at any rate: the prior of the walk counts as a few steps that
-# see it exactly, it is not trusted in the first steps, and so many must have been seen before they
+# Evidence, which comes by the step at any rate: a prior counts as a few steps that see it exactly,
+# that of the walk is not trusted in the first steps, and so many must have been seen before they
 # bound the measured twist's noise.
 _PRIOR_STEPS = 5
 _FIRST_STEPS = 10
@@ -89,7 +93,9 @@ class MotionNoise:
         """Begin to learn the noise of the measured twist."""
         self._differences = TwistNoise(twist_std, self._rate)
         self._learned = 0
-        self._unexplained: Array = np.zeros(6)
+        # The noise of each sensor as vision sees it, and the information on it.
+        self._seen_noise: Array = np.full(2, np.inf)
+        self._information: Array = np.zeros(2)
         # Absolute errors of the measured twist by step, and what their median makes of the noise.
         self._errors: deque[Array] = deque()
         self._typical: Array = np.zeros(6)
@@ -123,22 +129,25 @@ class MotionNoise:
         A sensor's white noise is alike on its three axes and the motion, which adds to the third
         differences, is not: the smallest axis counts.
         """
+        levels = self._levels()
+        if not self._measures_velocity:
+            levels[:3] = math.nan
+        return levels
+
+    def _levels(self) -> Array:
+        """Variances (6,), those of a velocity that is not measured as they were last."""
         # Number by number: numpy's calls would take ten times as long as the arithmetic.
-        std, unexplained = self._differences.std.tolist(), self._unexplained.tolist()
+        std, seen = self._differences.std.tolist(), self._seen_noise.tolist()
         typical = self._typical.tolist()
         levels: list[float] = []
-        for sensor, smallest in (
-            (slice(0, 3), _SMALLEST_NOISE[0]),
-            (slice(3, 6), _SMALLEST_NOISE[1]),
-        ):
-            level = min(std[sensor]) ** 2
+        for i, smallest in enumerate(_SMALLEST_NOISE):
+            axes = slice(3 * i, 3 * i + 3)
+            level = min(std[axes]) ** 2
             if self._learned >= _ENOUGH_STEPS:
-                level = min(level, sum(unexplained[sensor]) / 3)
-                if sum(typical[sensor]) / 3 > _CONTRADICTED * level:
-                    level = sum(typical[sensor]) / 3
+                level = min(level, seen[i])
+                if sum(typical[axes]) / 3 > _CONTRADICTED * level:
+                    level = sum(typical[axes]) / 3
             levels += 3 * [max(level, smallest**2)]
-        if not self._measures_velocity:
-            levels[:3] = 3 * [math.nan]
         return np.array(levels)
 
     def update(
@@ -164,23 +173,38 @@ class MotionNoise:
         tau : float
             Seconds of the step.
         """
+        memory = self._rate.frames(_MEMORY)
         Q = tau * self.walk_variance
         gain = Q / before
         variance = ((gain * change) ** 2 + Q - gain**2 * (before - after)) / tau
-        self._learned += 1
-        memory = self._rate.frames(_MEMORY)
-        error = _known(error)
-        unexplained = error**2 + error_variance
-        self._unexplained += (unexplained - self._unexplained) / min(self._learned, memory)
         seen = gain * (1.0 - after / before)
         self._walk_known = np.minimum(self._walk_known + seen**2, memory)
         learned = self.walk_variance + (variance - self.walk_variance) / self._walk_known
         self.walk_variance = np.maximum(learned, _SMALLEST_WALK**2)
+
+        R, unknown = self._levels(), np.isnan(error)
+        squares = np.where(unknown, R, error**2 + error_variance)
+        seen = np.where(unknown, 0.0, np.maximum(1.0 - error_variance / R, 0.0))
+        level = R[::3]
+        most = (memory - _PRIOR_STEPS) / level**2
+        told = _mean_of_sensors((seen / R) ** 2)
+        self._information = np.minimum(self._information + told, most)
+        known = _PRIOR_STEPS + level**2 * self._information
+        self._seen_noise = level + (_mean_of_sensors(squares) - level) / known
+
+        self._learned += 1
+        error = _known(error)
         self._errors.append(np.abs(error))
         while len(self._errors) > memory:
             self._errors.popleft()
         if self._learned % _RENEWAL == 0:
             self._typical = np.square(MEDIAN_TO_STD * np.median(np.array(self._errors), axis=0))
+
+
+def _mean_of_sensors(numbers: Array) -> Array:
+    """Means (2,) over the axes of the velocity and over those of the angular velocity."""
+    means: Array = numbers.reshape(2, 3).mean(axis=1)
+    return means
 
 
 def _known(numbers: Array) -> Array:
