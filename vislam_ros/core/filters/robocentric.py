@@ -58,8 +58,8 @@ from vislam_ros.core.filters.robocentric_model import (
     POSE_AND_LENS,
     SIZE,
     TWIST,
+    TwistChange,
     Vehicle,
-    changes_unforeseen,
     doubt_of_twist,
     estimates_of,
     learn_motion,
@@ -190,7 +190,7 @@ class RobocentricFilter:
         if parts:
             self._frame_rate.add(increment.duration)
         for i, (tau, measured) in enumerate(parts):
-            before = self._walk(tau)
+            twist, variances = self._walk(tau)
             if measured is not None:
                 self._measure_twist(measured, blind=i > 0 or self._saw_nothing)
             behind_camera = np.concatenate([behind_camera, self._move(tau)])
@@ -209,10 +209,10 @@ class RobocentricFilter:
         self._doubted = np.full(6, outcome.is_contradicted)
         if parts and outcome.used:
             P, learns = self._state.vehicle_covariance, self._settings.learn_noise
+            change = TwistChange(self.vehicle.twist - twist, variances, P.diagonal()[TWIST])
             if learns and measured is not None:
-                learn_motion(self._motion_noise, before, self.vehicle, P, measured, tau)
-            begins = learns and self._motion_noise.begins
-            self._doubted |= begins | changes_unforeseen(before, self.vehicle, P)
+                learn_motion(self._motion_noise, change, self.vehicle, P, measured, tau)
+            self._doubted |= (learns and self._motion_noise.begins) | change.unforeseen
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
         new = ~(known | contradicted)

@@ -37,6 +37,7 @@ pose's part is the report's eq. 13 and 52, with the twist in the state.
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -151,26 +152,30 @@ def prior_covariance(settings: RobocentricSettings) -> Array:
     return np.diag(variances)
 
 
-def changes_unforeseen(
-    before: tuple[Array, Array], vehicle: Vehicle, P: Array
-) -> NDArray[np.bool_]:
-    """On which axes (6,) a step's measurements have changed the twist more than its walk foresees.
+class TwistChange(NamedTuple):
+    """What a step's measurements have made of the twist.
 
-    Where the variance of a Gaussian falls from P- to P+, its mean moves by ``N(0, P- - P+)``.
-
-    Parameters
+    Attributes
     ----------
-    before : tuple of ndarray, (6,)
-        The twist and its variances before the step's measurements.
-    vehicle : Vehicle
-        After them.
-    P : ndarray, (19, 19)
-        Its covariance.
+    delta : ndarray, (6,)
+        What they have changed it by.
+    before, after : ndarray, (6,)
+        Its variances P- and P+.
     """
-    twist_before, variances_before = before
-    foreseen = np.maximum(variances_before - P.diagonal()[TWIST], 0.0)
-    changed: NDArray[np.bool_] = (vehicle.twist - twist_before) ** 2 > _UNFORESEEN**2 * foreseen
-    return changed
+
+    delta: Array
+    before: Array
+    after: Array
+
+    @property
+    def unforeseen(self) -> NDArray[np.bool_]:
+        """On which axes (6,) it is more than the walk foresees.
+
+        Where the variance of a Gaussian falls from P- to P+, its mean moves by ``N(0, P- - P+)``.
+        """
+        foreseen = np.maximum(self.before - self.after, 0.0)
+        changed: NDArray[np.bool_] = self.delta**2 > _UNFORESEEN**2 * foreseen
+        return changed
 
 
 def doubt_of_twist(covariance: Array, axes: NDArray[np.bool_]) -> RandomWalk:
@@ -255,7 +260,7 @@ def _walk_of_twist(variances: Array) -> RandomWalk:
 
 def learn_motion(
     noise: MotionNoise,
-    before: tuple[Array, Array],
+    change: TwistChange,
     vehicle: Vehicle,
     P: Array,
     measured: Array,
@@ -266,8 +271,8 @@ def learn_motion(
     Parameters
     ----------
     noise : MotionNoise
-    before : tuple of ndarray, (6,)
-        The twist and its variances before the step's measurements.
+    change : TwistChange
+        By the step's measurements.
     vehicle : Vehicle
         After them.
     P : ndarray, (19, 19)
@@ -278,11 +283,8 @@ def learn_motion(
         Seconds of the step.
     """
     H = TWIST_ROWS
-    twist_before, variances_before = before
     spread = np.sum((H @ P) * H, axis=1)
-    change, variances = vehicle.twist - twist_before, P.diagonal()[TWIST]
-    error = twist_error(measured, vehicle)
-    noise.update(change, variances_before, variances, error, spread, tau)
+    noise.update(*change, twist_error(measured, vehicle), spread, tau)
 
 
 def transition_of(
