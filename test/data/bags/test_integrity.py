@@ -169,11 +169,10 @@ def test_what_is_no_bag_is_said_in_one_line(tmp_path: Path, kind: str) -> None:
         verify_bag(path)
 
 
-def test_a_topic_of_which_no_message_can_be_read_is_a_fault() -> None:
+def test_topics_of_which_no_message_can_be_read_are_a_fault() -> None:
     path = SHARED_CASES / "hostile" / "uint31.mcap"
     if not path.exists():
         pytest.skip(f"needs {path}")
-    faults = verify_bag(path).faults
-    assert len(faults) == 2
-    for fault, side in zip(faults, ("left", "right"), strict=True):
-        assert fault.startswith(f"no usable message on /stereo/{side}/camera_info: its bytes are")
+    (fault,) = verify_bag(path).faults
+    topics = "/stereo/left/camera_info and /stereo/right/camera_info"
+    assert fault.startswith(f"no usable message on {topics}: its bytes are")

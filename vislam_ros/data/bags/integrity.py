@@ -159,9 +159,10 @@ def _structure_faults(path: Path) -> list[str]:
             found, no_messages = _look_at_messages(bag)
     except VislamError as error:
         return [str(error).removeprefix(f"{path}: ")]
-    faults = [
-        f"no usable message on {each.topic}: {Refusal.UNDECODABLE.text}" for each in no_messages
-    ]
+    faults = []
+    if no_messages:
+        names = " and ".join(each.topic for each in no_messages)
+        faults.append(f"no usable message on {names}: {Refusal.UNDECODABLE.text}")
     if found != expected:
         faults.append(f"holds {found} messages where its index says {expected}")
     return faults
