@@ -120,7 +120,7 @@ class MotionNoise:
     def add(self, twist: Array) -> None:
         """Add a measured twist (6,), its velocity NaN where there is none."""
         self._measures_velocity = measures_velocity(twist)
-        self._differences.add(_known(twist))
+        self._differences.add(np.where(np.isnan(twist), 0.0, twist))
 
     @property
     def twist_variance(self) -> Array:
@@ -193,8 +193,7 @@ class MotionNoise:
         self._seen_noise = level + (_mean_of_sensors(squares) - level) / known
 
         self._learned += 1
-        error = _known(error)
-        self._errors.append(np.abs(error))
+        self._errors.append(np.where(unknown, 0.0, np.abs(error)))
         while len(self._errors) > memory:
             self._errors.popleft()
         if self._learned % _RENEWAL == 0:
@@ -205,8 +204,3 @@ def _mean_of_sensors(numbers: Array) -> Array:
     """Means (2,) over the axes of the velocity and over those of the angular velocity."""
     means: Array = numbers.reshape(2, 3).mean(axis=1)
     return means
-
-
-def _known(numbers: Array) -> Array:
-    """The numbers with zeros for those that are NaN, at a tenth of the cost of nan_to_num."""
-    return np.where(np.isnan(numbers), 0.0, numbers)
