@@ -7,7 +7,6 @@ speed only a window of feature frames runs ahead of ``slam/odometry``, and the p
 all that it sent has arrived.
 """
 
-import functools
 import struct
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -26,7 +25,6 @@ from vislam_ros.core.settings import MotionSettings
 from vislam_ros.data.bags import layout
 from vislam_ros.data.bags.bag_messages import BagMessages
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
-from vislam_ros.data.bags.decoding import stamp_of
 from vislam_ros.data.bags.layout import FEATURES, IMAGES, IMU, ODOMETRY, TWIST, Topic
 from vislam_ros.data.bags.naming import namespace_of
 from vislam_ros.data.trajectory import NANOSECONDS
@@ -101,7 +99,7 @@ class Player(Node):
             self._ros_clock = self.create_publisher(Clock, layout.CLOCK.name, STREAM)
             steady_timer(self, 1.0 / options.clock_rate, self._publish_clock)
         self._odometry = self.create_subscription(
-            Odometry, ODOMETRY.name, self._on_odometry, STREAM
+            Odometry, ODOMETRY.name, self._on_odometry, STREAM, raw=True
         )
         for command in (self.pause, self.resume, self.step):
             self.create_service(Trigger, f"~/{command.__name__}", _answer(command))
@@ -255,8 +253,8 @@ class Player(Node):
         if self.options.rate == 0.0 and self._begins_anew(outlet.role, data):
             self._wait_for_answers(0)
         if is_frame:
-            if self.options.rate == 0.0:
-                self._wait_for_answers(self.options.window - 1)
+            if self.options.rate == 0.0 and self._window.waiting >= self.options.window:
+                self._wait_for_answers(self.options.window // 2)
             self._window.add(_header_stamp(data))
         if not self._send(outlet, data):
             return False
@@ -297,24 +295,26 @@ class Player(Node):
         as long as it is there.
         """
         window = self._window
+        window.enough = most_waiting
         while window.waiting > most_waiting and window.answered:
             if self._is_at_rest():
                 window.forget()
                 return
             if self.clock.interrupted or not self.count_publishers(self._odometry.topic_name):
                 return
-            answer = functools.partial(self._hears, window.acknowledged, window.taken)
-            moved_on = self.clock.wait_for(answer, STALL_SECONDS)
-            if not (moved_on or self.clock.interrupted or self._graph.is_busy()):
+            before = window.progress
+            self.clock.wait_for(self._has_answers, STALL_SECONDS)
+            stalls = window.progress == before and not self._has_answers()
+            if stalls and not (self.clock.interrupted or self._graph.is_busy()):
                 self.get_logger().warning(
                     f"{self._odometry.topic_name} has not answered {window.waiting} feature "
                     f"frame(s) for {STALL_SECONDS:g} s: going on without"
                 )
                 window.expect_none()
 
-    def _hears(self, acknowledged: int, taken: int) -> bool:
-        """Whether the graph has done more than this, or has done all."""
-        return self._window.has_moved_on(acknowledged, taken) or self._is_at_rest()
+    def _has_answers(self) -> bool:
+        """Whether the graph has answered enough frames, or has done all."""
+        return self._window.waiting <= self._window.enough or self._is_at_rest()
 
     def _is_at_rest(self) -> bool:
         sent = {topic.name: self._sent(topic) for topic in _COUNTED}
@@ -352,8 +352,10 @@ class Player(Node):
     def _publish_clock(self) -> None:
         self._ros_clock.publish(Clock(clock=stamp_to_message(self.clock.position())))
 
-    def _on_odometry(self, message: Odometry) -> None:
-        self._window.acknowledge(stamp_of(message.header))
+    def _on_odometry(self, data: bytes) -> None:
+        stamp = _header_stamp(data)
+        if stamp is not None:
+            self._window.acknowledge(stamp)
 
 
 def _header_stamp(data: bytes) -> int | None:

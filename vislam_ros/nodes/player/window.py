@@ -15,7 +15,7 @@ class FeatureWindow:
     Parameters
     ----------
     condition : threading.Condition
-        Guards the window and is notified on each answer.
+        Guards the window and is notified where enough is answered, or the graph says so.
 
     Attributes
     ----------
@@ -23,6 +23,8 @@ class FeatureWindow:
         Frames sent, frames that the graph is done with, and those that it says it has taken.
     answered : bool
         Whether answers are to be expected.
+    enough : int
+        How few frames may wait for an answer before it wakes who waits on the condition.
     """
 
     def __init__(self, condition: threading.Condition):
@@ -32,11 +34,17 @@ class FeatureWindow:
         self.acknowledged = 0
         self.taken = 0
         self.answered = True
+        self.enough = 0
 
     @property
     def waiting(self) -> int:
         """How many frames are not answered yet."""
         return len(self._waiting)
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """What changes where the graph does anything."""
+        return self.acknowledged, self.taken
 
     def add(self, stamp: int | None) -> None:
         """Note a frame (ns) that is about to be sent; None where its stamp cannot be read."""
@@ -50,7 +58,8 @@ class FeatureWindow:
             while stamp in self._waiting or (self._waiting and self._is_late(stamp)):
                 self._pop()
             self.answered = True
-            self._condition.notify_all()
+            if len(self._waiting) <= self.enough:
+                self._condition.notify_all()
 
     def settle(self, taken: int, waiting: int) -> None:
         """Note that the graph has taken so many frames, of which some wait for their motion."""
@@ -59,10 +68,6 @@ class FeatureWindow:
             while self._waiting and self.sent - len(self._waiting) < taken - waiting:
                 self._pop()
             self._condition.notify_all()
-
-    def has_moved_on(self, acknowledged: int, taken: int) -> bool:
-        """Whether the graph has done more than this."""
-        return (self.acknowledged, self.taken) != (acknowledged, taken)
 
     def expect(self) -> None:
         """Expect answers, whatever was before."""
