@@ -129,12 +129,12 @@ class DenseRobocentricFilter:
         self.rejected = rejected
         self.doubted = np.full(6, bool(rejected) and 2 * len(rejected) >= len(known))
         if increment.parts and len(rejected) < len(known):
-            change, after = self.estimate[TWIST] - twist, np.diag(self.P)[TWIST]
+            change, after = self.estimate[TWIST] - twist, np.diag(self.P)[TWIST].copy()
             learns = self.settings.learn_noise
             if learns and measured is not None:
                 H = self.twist_rows()
                 error = np.asarray(measured) - H @ self.estimate
-                error_variance = np.diag(H @ self.P @ H.T)
+                error_variance = np.diag(H @ self.P @ H.T).copy()
                 self.motion_noise.update(change, variances, after, error, error_variance, tau)
             foreseen = np.maximum(variances - after, 0.0)
             self.doubted |= (learns and self.motion_noise.begins) | (change**2 > 9.0 * foreseen)

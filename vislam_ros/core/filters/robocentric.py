@@ -209,7 +209,7 @@ class RobocentricFilter:
         self._doubted = np.full(6, outcome.is_contradicted)
         if parts and outcome.used:
             P, learns = self._state.vehicle_covariance, self._settings.learn_noise
-            change = TwistChange(self.vehicle.twist - twist, variances, P.diagonal()[TWIST])
+            change = TwistChange(self.vehicle.twist - twist, variances, P.diagonal()[TWIST].copy())
             if learns and measured is not None:
                 learn_motion(self._motion_noise, change, self.vehicle, P, measured, tau)
             self._doubted |= (learns and self._motion_noise.begins) | change.unforeseen

@@ -38,6 +38,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.compiled import compiled
 from vislam_ros.core.motion import measures_velocity
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.twist_noise import MEDIAN_TO_STD, TwistNoise
@@ -173,34 +174,62 @@ class MotionNoise:
         tau : float
             Seconds of the step.
         """
-        memory = self._rate.frames(_MEMORY)
-        Q = tau * self.walk_variance
-        gain = Q / before
-        variance = ((gain * change) ** 2 + Q - gain**2 * (before - after)) / tau
-        seen = gain * (1.0 - after / before)
-        self._walk_known = np.minimum(self._walk_known + seen**2, memory)
-        learned = self.walk_variance + (variance - self.walk_variance) / self._walk_known
-        self.walk_variance = np.maximum(learned, _SMALLEST_WALK**2)
-
-        R, unknown = self._levels(), np.isnan(error)
-        squares = np.where(unknown, R, error**2 + error_variance)
-        seen = np.where(unknown, 0.0, np.maximum(1.0 - error_variance / R, 0.0))
-        level = R[::3]
-        most = (memory - _PRIOR_STEPS) / level**2
-        told = _mean_of_sensors((seen / R) ** 2)
-        self._information = np.minimum(self._information + told, most)
-        known = _PRIOR_STEPS + level**2 * self._information
-        self._seen_noise = level + (_mean_of_sensors(squares) - level) / known
+        memory, R = self._rate.frames(_MEMORY), self._levels()
+        self.walk_variance, self._walk_known = _learned_walk(
+            self.walk_variance, self._walk_known, change, before, after, tau, memory
+        )
+        self._seen_noise, self._information = _learned_noise(
+            R, self._information, error, error_variance, memory
+        )
 
         self._learned += 1
-        self._errors.append(np.where(unknown, 0.0, np.abs(error)))
+        self._errors.append(np.where(np.isnan(error), 0.0, np.abs(error)))
         while len(self._errors) > memory:
             self._errors.popleft()
         if self._learned % _RENEWAL == 0:
             self._typical = np.square(MEDIAN_TO_STD * np.median(np.array(self._errors), axis=0))
 
 
+@compiled("float64[::1](float64[::1])")
 def _mean_of_sensors(numbers: Array) -> Array:
     """Means (2,) over the axes of the velocity and over those of the angular velocity."""
-    means: Array = numbers.reshape(2, 3).mean(axis=1)
-    return means
+    return np.array([numbers[:3].sum() / 3.0, numbers[3:].sum() / 3.0])
+
+
+@compiled(
+    "UniTuple(float64[::1], 2)(float64[::1], float64[::1], float64[::1], float64[::1],"
+    " float64[::1], float64, int64)"
+)
+def _learned_walk(
+    walk: Array,
+    known: Array,
+    change: Array,
+    before: Array,
+    after: Array,
+    tau: float,
+    memory: int,
+) -> tuple[Array, Array]:
+    """Variance of the walk (6,), and what is known of it in steps, after one more step."""
+    Q = tau * walk
+    gain = Q / before
+    variance = ((gain * change) ** 2 + Q - gain**2 * (before - after)) / tau
+    seen = gain * (1.0 - after / before)
+    known = np.minimum(known + seen**2, memory)
+    return np.maximum(walk + (variance - walk) / known, _SMALLEST_WALK**2), known
+
+
+@compiled(
+    "UniTuple(float64[::1], 2)(float64[::1], float64[::1], float64[::1], float64[::1], int64)"
+)
+def _learned_noise(
+    R: Array, information: Array, error: Array, error_variance: Array, memory: int
+) -> tuple[Array, Array]:
+    """Variance of each sensor's noise (2,), and the information on it, after one more step."""
+    unknown = np.isnan(error)
+    squares = np.where(unknown, R, error**2 + error_variance)
+    seen = np.where(unknown, 0.0, np.maximum(1.0 - error_variance / R, 0.0))
+    level = R[::3]
+    most = (memory - _PRIOR_STEPS) / level**2
+    information = np.minimum(information + _mean_of_sensors((seen / R) ** 2), most)
+    known = _PRIOR_STEPS + level**2 * information
+    return level + (_mean_of_sensors(squares) - level) / known, information
