@@ -9,9 +9,26 @@ import pytest
 from vislam_ros.nodes.player.window import FeatureWindow
 
 
+class CountedCondition(threading.Condition):
+    """A condition that counts how often it wakes who waits."""
+
+    def __init__(self):
+        super().__init__()
+        self.notified = 0
+
+    def notify_all(self):
+        self.notified += 1
+        super().notify_all()
+
+
 @pytest.fixture
-def window():
-    window = FeatureWindow(threading.Condition())
+def condition():
+    return CountedCondition()
+
+
+@pytest.fixture
+def window(condition):
+    window = FeatureWindow(condition)
     for stamp in (10, 20, 30):
         window.add(stamp)
     return window
@@ -67,3 +84,25 @@ def test_a_frame_without_a_stamp_holds_nobody_up(window):
     window.add(40)
     window.acknowledge(40)
     assert window.waiting == 0
+
+
+def test_nobody_is_woken_before_enough_is_answered(window, condition):
+    window.enough = 1
+    window.acknowledge(10)
+    assert condition.notified == 0
+    window.acknowledge(20)
+    assert condition.notified == 1
+
+
+def test_what_the_graph_says_of_itself_wakes_who_waits(window, condition):
+    window.settle(taken=1, waiting=1)
+    assert condition.notified == 1
+
+
+def test_an_answer_and_what_the_graph_says_are_progress(window):
+    seen = [window.progress]
+    window.acknowledge(10)
+    seen.append(window.progress)
+    window.settle(taken=2, waiting=1)
+    seen.append(window.progress)
+    assert len(set(seen)) == 3
