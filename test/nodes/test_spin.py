@@ -45,6 +45,24 @@ def test_a_thread_answers_until_the_block_ends(context: Context) -> None:
 
 
 @each_executor
+def test_a_thread_goes_on_after_what_a_callback_raises(context: Context) -> None:
+    node = Node("spun", context=context)
+    heard = []
+
+    def hear(_: Empty) -> None:
+        heard.append(True)
+        raise ValueError("cannot be used")
+
+    node.create_subscription(Empty, "said", hear, 1)
+    publisher = node.create_publisher(Empty, "said", 1)
+    with spinning(node):
+        for count in (1, 2):
+            publisher.publish(Empty())
+            wait_until(lambda count=count: len(heard) == count, "the message")
+    node.destroy_node()
+
+
+@each_executor
 def test_what_comes_for_a_subscription_that_is_gone_by_then_ends_nothing(context: Context) -> None:
     node = Node("spun", context=context)
     heard: list[str] = []

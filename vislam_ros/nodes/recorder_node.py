@@ -59,6 +59,7 @@ from vislam_ros.nodes.settings import RecorderSettings
 from vislam_ros.nodes.slam_report import (
     PRESENT,
     PREVIOUS,
+    process_from_values,
     row_from_values,
     verdict_from_values,
 )
@@ -204,7 +205,7 @@ class RecorderNode(Node):
         values = conversions.status_values(message, "player")
         try:
             state, sent = values["state"], counts_from_values(values, "sent ")
-        except (KeyError, ValueError) as error:
+        except KeyError as error:
             raise RefusedMessage(Refusal.BAD_FIELDS, f"{PLAYER.name}: {error!r}") from error
         if self._ledger.set_sent(sent):
             self._steps = 0  # another player has begun
@@ -225,9 +226,8 @@ class RecorderNode(Node):
             values = {value.key: value.value for value in entry.values}
             if node == "slam_node":
                 self._heard_slam_node = time.monotonic()
-                self.recording.set_process(
-                    peak_rss_mb=float(values["peak memory [MB]"]), resets=int(values["resets"])
-                )
+                peak_rss_mb, resets = process_from_values(values)
+                self.recording.set_process(peak_rss_mb=peak_rss_mb, resets=resets)
                 for which in (PREVIOUS, PRESENT):
                     if (judgement := verdict_from_values(values, which)) is not None:
                         self.recording.set_verdict(judgement)

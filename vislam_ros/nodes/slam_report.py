@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _ROW, _LATENCY = "row", "latency_ms"
 _NUMBER = "number"
+_PEAK_MEMORY, _RESETS = "peak memory [MB]", "resets"
 
 #: Verdicts on /diagnostics: on the steps so far, and on those before the estimate began anew.
 PRESENT, PREVIOUS = "verdict", "previous verdict"
@@ -98,6 +99,20 @@ def verdict_from_values(values: Mapping[str, str], which: str = PRESENT) -> Judg
     return Judgement(stamp, word, tuple(values[f"{which} reason {n}"] for n in numbers))
 
 
+def process_from_values(values: Mapping[str, str]) -> tuple[float, int]:
+    """Peak memory (MB) and resets of slam_node, of its status.
+
+    Raises
+    ------
+    RefusedMessage
+        ``bad_fields``, where one is missing or is no number.
+    """
+    try:
+        return float(values[_PEAK_MEMORY]), int(values[_RESETS])
+    except (KeyError, ValueError) as error:
+        raise RefusedMessage(Refusal.BAD_FIELDS, f"slam_node's status: {error!r}") from error
+
+
 class SlamReport:
     """Gathers steps for /diagnostics."""
 
@@ -129,7 +144,7 @@ class SlamReport:
         values: dict[str, object] = {
             "steps": self._total,
             "frozen steps": self._frozen,
-            "resets": self._core.resets,
+            _RESETS: self._core.resets,
             "features waiting": len(self._core.waiting),
             "left out": self._left_out,
         }
@@ -146,7 +161,7 @@ class SlamReport:
             values["NIS per degree of freedom"] = recent.nis_per_dof or 0.0
             values["step mean [ms]"] = sum(recent.ms) / recent.steps
             values["step max [ms]"] = max(recent.ms)
-        values["peak memory [MB]"] = peak_rss_mb() or 0.0
+        values[_PEAK_MEMORY] = peak_rss_mb() or 0.0
         for which, judgement in (
             (PREVIOUS, self._core.previous_verdict),
             (PRESENT, self._core.verdict()),

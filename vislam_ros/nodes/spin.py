@@ -128,14 +128,21 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
 
 @contextmanager
 def spinning(node: Node) -> Iterator[None]:
-    """Let a thread spin a node while the block runs."""
+    """Let a thread spin a node while the block runs; it goes on after what a callback raises."""
     executor = executor_of(node.context)
     executor.add_node(node)
     is_over = threading.Event()
 
+    def call_back() -> None:
+        try:
+            _call_back(executor, _POLL_SECONDS)
+        except Exception as error:  # also of a message that cannot be decoded
+            if node.context.ok():
+                node.get_logger().error(f"passed over: {one_line(_reason(error))}")
+
     def spin() -> None:
         while not is_over.is_set():
-            _call_back(executor, _POLL_SECONDS)
+            call_back()
 
     thread = threading.Thread(target=spin, name="executor")
     thread.start()

@@ -168,6 +168,11 @@ def put(path, value):
     return change
 
 
+def empty_of_huge_points(cloud):
+    """No features, of 2 GiB each."""
+    cloud.width, cloud.point_step, cloud.row_step, cloud.data = 0, 2**31, 0, cloud.data[:0]
+
+
 NAN = float("nan")
 
 
@@ -191,6 +196,7 @@ NAN = float("nan")
         (FEATURES, put("width", 2**31), Refusal.WRONG_SIZE, "data has another length"),
         (FEATURES, put("point_step", 12), Refusal.WRONG_SIZE, "field reaches beyond the point"),
         (FEATURES, put("point_step", 0), Refusal.WRONG_SIZE, "field reaches beyond the point"),
+        (FEATURES, empty_of_huge_points, Refusal.WRONG_SIZE, "a point of 2147483648 bytes"),
         (FEATURES, spoil_pixel, Refusal.NON_FINITE, "not finite"),
         (FEATURES, repeat_point, Refusal.DUPLICATE_IDS, "an id appears twice"),
         (FEATURES, retype("id", 7), Refusal.BAD_FIELDS, "'id' has datatype 7"),

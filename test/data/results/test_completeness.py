@@ -4,6 +4,7 @@
 
 import pytest
 
+from vislam_ros.core.tracking.refusals import RefusedMessage
 from vislam_ros.data.bags.layout import (
     FEATURES,
     IMU,
@@ -155,6 +156,20 @@ def test_a_report_is_read_from_the_values_of_a_status():
         first_at_end={"features_no_prediction": "9.5"},
         predictions=10,
     )
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"received imu/twist": "many"}, "received imu/twist: 'many' is no whole number"),
+        ({"refused twist_late": "nan"}, "refused twist_late: 'nan' is no whole number"),
+        ({"features waiting": ""}, "features waiting: '' is no whole number"),
+        ({"refused by_chance": "1"}, "'by_chance' is no reason to refuse a message"),
+    ],
+)
+def test_a_status_of_somebody_else_is_no_report(values, words):
+    with pytest.raises(RefusedMessage, match=words):
+        NodeReport.of_values(values)
 
 
 def test_offline_the_same_rule_holds():

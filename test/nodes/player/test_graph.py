@@ -66,3 +66,16 @@ def test_a_node_of_which_no_end_has_a_name_is_not_taken_for_absent(watch):
     assert graph.silent() == ["slam_node"], "by the one end that is known"
     report(graph)
     assert graph.silent() == []
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"subscribers slam/odometry": "many"}, {"received imu/twist": "1.5"}]
+)
+def test_a_status_of_somebody_else_under_a_nodes_name_is_passed_over(watch, wrong):
+    graph, _ = watch
+    values = [KeyValue(key=key, value=value) for key, value in wrong.items()]
+    status = DiagnosticStatus(name="/slam_node", values=values)
+    graph._on_diagnostics(DiagnosticArray(status=[status]))
+    assert graph.silent() == ["slam_node"]
+    report(graph)
+    assert graph.silent() == []

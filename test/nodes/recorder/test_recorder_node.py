@@ -286,6 +286,15 @@ def test_what_the_nodes_report_goes_into_the_summary(recorder, drive, answers, t
     assert (told["verdict"], told["verdict_reasons"]) == ("doubtful", ["one", "two"])
 
 
+@pytest.mark.parametrize("values", [{}, {"peak memory [MB]": "much", "resets": 2}])
+def test_a_status_of_somebody_else_under_a_nodes_name_is_refused(recorder, values):
+    message = conversions.status_array(
+        conversions.stamp_to_message(0), [conversions.status("/slam_node", values)]
+    )
+    recorder.monitor.take(DIAGNOSTICS, serialize_message(message))
+    assert recorder.monitor.refused.counts == {"bad_fields": 1}
+
+
 def test_an_estimator_without_a_bias_leaves_none_in_the_summary(
     recorder, drive, answers, tmp_path
 ):

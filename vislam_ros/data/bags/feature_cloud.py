@@ -37,6 +37,8 @@ NOISY_FEATURE_FIELDS = (*FEATURE_FIELDS, (NOISE_FIELD, FEATURE_DTYPE.itemsize, F
 # PointField.INT8 = 1 to FLOAT64 = 8.
 _NUMPY_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", UINT32: "u4", FLOAT32: "f4", 8: "f8"}
 
+_LARGEST_POINT = 2**16  # bytes; numpy itself has none of 2 GiB
+
 
 def pack_features(
     ids: NDArray[np.uint32],
@@ -136,6 +138,8 @@ def _point_dtype(fields: Iterable[Any], point_step: int, byte_order: str) -> np.
     ]
     if max(ends) > point_step:
         raise RefusedMessage(Refusal.WRONG_SIZE, "a field reaches beyond the point")
+    if point_step > _LARGEST_POINT:
+        raise RefusedMessage(Refusal.WRONG_SIZE, f"a point of {point_step} bytes")
     return np.dtype(
         {
             "names": names,

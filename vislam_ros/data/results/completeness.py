@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from vislam_ros.core.tracking.refusals import Stream, refusal_of
+from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage, Stream, refusal_of
 from vislam_ros.data.bags.layout import FEATURES, PREDICTION
 
 _SLAM, _PREDICTION_NODE = "slam_node", "imu_prediction_node"
@@ -28,14 +28,24 @@ def counts_from_values(values: Mapping[str, str], prefix: str) -> dict[str, int]
 
     Raises
     ------
-    ValueError
-        Where one is no number.
+    RefusedMessage
+        ``bad_fields``, where one is no number.
     """
     return {
-        key.removeprefix(prefix): int(value)
-        for key, value in values.items()
+        key.removeprefix(prefix): count_from_values(values, key)
+        for key in values
         if key.startswith(prefix)
     }
+
+
+def count_from_values(values: Mapping[str, str], key: str) -> int:
+    """One of them; 0 where it is not there."""
+    try:
+        return int(values.get(key, 0))
+    except ValueError as error:
+        raise RefusedMessage(
+            Refusal.BAD_FIELDS, f"{key}: {values[key]!r} is no whole number"
+        ) from error
 
 
 def describe_refused(refused: Mapping[str, int], first: Mapping[str, str]) -> str:
@@ -98,8 +108,8 @@ class NodeReport:
 
         Raises
         ------
-        ValueError
-            Where a count is no number.
+        RefusedMessage
+            ``bad_fields``, where a count is no number, or nothing is refused for such a reason.
         """
         refused, first = _refused_of(values, "")
         refused_at_end, first_at_end = _refused_of(values, "at end ")
@@ -107,12 +117,12 @@ class NodeReport:
             received=counts_from_values(values, "received "),
             refused=refused,
             first=first,
-            waiting=int(values.get("features waiting", 0)),
+            waiting=count_from_values(values, "features waiting"),
             refused_at_end=refused_at_end,
             first_at_end=first_at_end,
-            predictions=int(values.get("predictions", 0)),
-            steps=int(values.get("steps", 0)),
-            features=int(values.get("features published", 0)),
+            predictions=count_from_values(values, "predictions"),
+            steps=count_from_values(values, "steps"),
+            features=count_from_values(values, "features published"),
         )
 
     @property
@@ -171,6 +181,11 @@ class RecordedSteps:
 def _refused_of(values: Mapping[str, str], prefix: str) -> tuple[dict[str, int], dict[str, str]]:
     """Refused messages by word, and the stamp (s) of the first of each, where it has one."""
     refused = counts_from_values(values, f"{prefix}refused ")
+    try:
+        for word in refused:
+            refusal_of(word)
+    except ValueError as error:
+        raise RefusedMessage(Refusal.BAD_FIELDS, str(error)) from error
     first = {word: values.get(f"{prefix}first {word} [s]") for word in refused}
     return refused, {word: stamp for word, stamp in first.items() if stamp is not None}
 

@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from vislam_ros.core.tracking.refusals import RefusedMessage
 from vislam_ros.data.bags.layout import (
     DIAGNOSTICS,
     FEATURES,
@@ -25,7 +26,12 @@ from vislam_ros.data.bags.layout import (
     STEPS,
     TWIST,
 )
-from vislam_ros.data.results.completeness import TRACKER, Ledger, NodeReport
+from vislam_ros.data.results.completeness import (
+    TRACKER,
+    Ledger,
+    NodeReport,
+    counts_from_values,
+)
 from vislam_ros.nodes.diagnostics import neighbour
 from vislam_ros.nodes.player.outlets import Outlet
 from vislam_ros.nodes.player.window import FeatureWindow
@@ -116,16 +122,26 @@ class GraphWatch:
             name = neighbour(self._node, status.name)
             if name is None:
                 continue
-            for entry in status.values:
-                if entry.key.startswith(_KEY):
-                    self._found[entry.key.removeprefix(_KEY)] = int(entry.value)
-            if name in REPORTING:
-                report = NodeReport.of_values({entry.key: entry.value for entry in status.values})
-                self._ledger.set_report(name, report)
-                self._reported[name] = time.monotonic()
-                if self._knows and name == "slam_node":
-                    taken = self._ledger.received(name, FEATURES.name)
-                    self._window.settle(taken, report.waiting)
+            try:
+                self._hear(name, {entry.key: entry.value for entry in status.values})
+            except RefusedMessage as error:
+                # Anybody may speak on /diagnostics, under any name.
+                self._node.get_logger().warning(
+                    f"passed over a status of {name}: {error}", throttle_duration_sec=10.0
+                )
+
+    def _hear(self, name: str, values: Mapping[str, str]) -> None:
+        """Take the values of a node's status."""
+        found = counts_from_values(values, _KEY)
+        report = NodeReport.of_values(values) if name in REPORTING else None
+        self._found.update(found)
+        if report is None:
+            return
+        self._ledger.set_report(name, report)
+        self._reported[name] = time.monotonic()
+        if self._knows and name == "slam_node":
+            taken = self._ledger.received(name, FEATURES.name)
+            self._window.settle(taken, report.waiting)
 
     def missing(self, for_tracker: Iterable[Outlet] = (), *, whole: bool) -> list[str]:
         """Links that are not there yet, in words.
