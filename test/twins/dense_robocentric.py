@@ -8,24 +8,23 @@ adjoints, four rows for an observation. Its Jacobians are taken by complex steps
 functions (see plain_image_points), exact to rounding, and share nothing with the filter's own.
 """
 
+import copy
+
 import numpy as np
+from dense_state import BIAS, DRIFT, LENS, POSE, TWIST, DenseState, S
 from numpy.typing import NDArray
 from plain_belief import Told, told_of_both
 from plain_gates import agreeing, given_others, scales_with_tails, stated_factors
 from plain_image_points import (
     FOUR_ROWS,
-    Complex,
     complex_step,
     homogeneous,
     image_points_of,
     noise_of_image_points,
     pose_transition,
     shift,
-    twist_matrix,
     warped,
-    world_positions,
 )
-from scipy.linalg import expm
 
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
@@ -39,12 +38,8 @@ from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
 
-S = 19
-POSE, TWIST, BIAS, LENS = slice(0, 6), slice(6, 12), slice(12, 15), 15
-DRIFT = slice(16, 19)
 
-
-class DenseRobocentricFilter:
+class DenseRobocentricFilter(DenseState):
     """EKF over ``[vehicle; delta_1; ...; delta_N]`` where each delta is a landmark's or a clone's.
 
     Parameters
@@ -66,8 +61,10 @@ class DenseRobocentricFilter:
         exchange: bool = False,
         clone_poses: bool = False,
     ):
+        bias, lens = settings.gyro_bias_std**2, settings.lens_distortion_std**2
+        prior = [settings.prior_pose_variance, 50.0**2, 2.0**2, bias, lens, 0.0]
+        super().__init__(camera, np.repeat(prior, [6, 3, 3, 3, 1, 3]))
         self.settings = settings
-        self.camera = camera
         self.exchange = exchange
         self.clone_poses = clone_poses
         self.told_V: Array = np.diag(settings.pixel_variance)
@@ -88,21 +85,8 @@ class DenseRobocentricFilter:
         # Keys in the order of the track noise.
         self.judged: list[int] = []
         self.doubted = np.zeros(6, dtype=bool)
-        self.saw_nothing = False
+        self.saw_nothing = self.told_twist = False
         self.rejected: list[int] = []
-        self.T_world_body = np.eye(4)
-        bias, lens = settings.gyro_bias_std**2, settings.lens_distortion_std**2
-        prior = [settings.prior_pose_variance, 50.0**2, 2.0**2, bias, lens, 0.0]
-        self.P: Array = np.diag(np.repeat(prior, [6, 3, 3, 3, 1, 3]))
-        # Estimates of all but the pose; of a clone the error.
-        self.estimate = np.zeros(S)
-        # First rows of the landmarks that the motion warps.
-        self.warped_places: list[int] = []
-        self.place_of_key: dict[int, int] = {}
-        self.positions_of_key: dict[int, int] = {}
-        # Position and covariance as they are told when a landmark is marginalized.
-        self.mapped: dict[int, tuple[Array, Array]] = {}
-        self.clones: list[tuple[Array, int]] = []
 
     def step(self, increment: Increment, frame: TrackedFrame) -> list[int]:
         """Take a frame; return the keys whose observations failed a gate."""
@@ -117,7 +101,9 @@ class DenseRobocentricFilter:
             twist, variances = self.walk(tau)
             if measured is not None:
                 self.measure_twist(measured, blind=i > 0 or self.saw_nothing)
-            self.move(tau)
+            in_doubt = self.doubted.any() or not self.told_twist
+            is_last = i == len(increment.parts) - 1
+            self.move(tau, self.shown_twist(frame, tau) if in_doubt and is_last else None)
         keys = frame.keys.tolist()
         self.saw_nothing = not keys
         known = [i for i, key in enumerate(keys) if key in self.place_of_key]
@@ -127,6 +113,7 @@ class DenseRobocentricFilter:
         if known:
             rejected = self.correct([keys[i] for i in known], frame.pixels[known], factors[known])
         self.rejected = rejected
+        self.told_twist = len(rejected) < len(known)
         self.doubted = np.full(6, bool(rejected) and 2 * len(rejected) >= len(known))
         if increment.parts and len(rejected) < len(known):
             change, after = self.estimate[TWIST] - twist, np.diag(self.P)[TWIST].copy()
@@ -178,7 +165,37 @@ class DenseRobocentricFilter:
         H[3:, BIAS] = np.eye(3)
         return H
 
-    def move(self, tau: float) -> None:
+    def shown_twist(self, frame: TrackedFrame, tau: float) -> Array | None:
+        """Twist that the frame shows after a motion about the one believed, if that loses none."""
+        after = copy.deepcopy(self)
+        after.move(tau)
+        keys = [key for key in frame.keys.tolist() if key in self.place_of_key]
+        if not keys or len(after.place_of_key) < len(self.place_of_key):
+            return None
+        known = np.isin(frame.keys, keys)
+        factors = stated_factors(self.track_noise, frame, self.told_V[0, 0])[known]
+        rows, residual, _, S, agreed = after.innovations(keys, frame.pixels[known], factors)
+        told = self.track_noise.components
+        numbers = (3 * np.array(agreed, dtype=int)[:, None] + told).ravel()
+        told_numbers = (
+            len(told) * np.array(agreed, dtype=int)[:, None] + np.arange(len(told))
+        ).ravel()
+        gain = after.P[TWIST][:, rows.ravel()[numbers]]
+        S = S[np.ix_(told_numbers, told_numbers)]
+        shown: Array = self.estimate[TWIST] + gain @ np.linalg.solve(S, residual.ravel()[numbers])
+        return shown
+
+    def move(self, tau: float, about: Array | None = None) -> None:
+        """Move, all linearized about another twist than the one believed, where it is given."""
+        off = np.zeros(6) if about is None else self.estimate[TWIST] - about
+        self.estimate[TWIST] -= off
+        F = self.moved_by_the_twist(tau)
+        error = np.zeros(len(self.P))
+        error[TWIST] = off
+        self.take_out(F @ error)
+
+    def moved_by_the_twist(self, tau: float) -> Array:
+        """Move; return F."""
         camera, estimate = self.camera, self.estimate
         self.leave_out_of_view()
         rows = self.rows_of(self.warped_places)
@@ -209,6 +226,7 @@ class DenseRobocentricFilter:
         self.P = F @ self.P @ F.T
         self.T_world_body = self.T_world_body @ motion
         self.estimate[rows] = y_new
+        return F
 
     def leave_out_of_view(self) -> None:
         """Let ended landmarks rest where no lens could show them: its polynomial is none there."""
@@ -221,7 +239,10 @@ class DenseRobocentricFilter:
             if seen or place in in_use
         ]
 
-    def correct(self, keys: list[int], pixels: Array, factors: Array) -> list[int]:
+    def innovations(
+        self, keys: list[int], pixels: Array, factors: Array
+    ) -> tuple[Array, Array, Array, Array, list[int]]:
+        """Rows, residuals, variances and joint covariance of what is seen, and which agree."""
         noise = self.track_noise
         rows = self.rows_of([self.place_of_key[key] for key in keys])
         slots = np.array([self.judged.index(key) for key in keys])
@@ -237,6 +258,12 @@ class DenseRobocentricFilter:
         places = rows[:, told].ravel()
         joint = self.P[np.ix_(places, places)] + np.diag(variances[:, told].ravel())
         agreed = agreeing(gate, residual[:, told], joint, np.flatnonzero(passes).tolist())
+        return rows, residual, variances, joint, agreed
+
+    def correct(self, keys: list[int], pixels: Array, factors: Array) -> list[int]:
+        noise, told = self.track_noise, self.track_noise.components
+        rows, residual, variances, joint, agreed = self.innovations(keys, pixels, factors)
+        z, gate = image_points_of(pixels, self.told_V), noise.gate(self.settings.chi2_gate)
         kept = self.that_stay(gate, keys, residual[:, told], joint, agreed)
         rejected = np.delete(keys, kept).tolist()
         R_0 = noise.level * np.outer(factors, np.diag(noise_of_image_points(self.told_V)))
@@ -283,20 +310,6 @@ class DenseRobocentricFilter:
                 still.append(i)
         return still
 
-    def update(self, H: Array, R: Array, residual: Array) -> None:
-        """Update by the textbook, with Joseph's form of the covariance."""
-        K = self.P @ H.T @ np.linalg.inv(H @ self.P @ H.T + R)
-        delta = K @ residual
-        rest = np.eye(len(self.P)) - K @ H
-        P = rest @ self.P @ rest.T + K @ R @ K.T
-        self.P = 0.5 * (P + P.T)
-        self.T_world_body = self.T_world_body @ se3.exp(delta[POSE])
-        rows = self.rows_of(self.warped_places)
-        shifted = shift(self.camera, self.estimate[rows]).real
-        self.estimate = self.estimate + delta
-        self.estimate[rows] += delta[LENS] * shifted
-        self.estimate[POSE] = 0.0
-
     def initialize(self, keys: list[int], pixels: Array, factors: Array) -> None:
         z = image_points_of(pixels, self.told_V)
         points = z + self.estimate[LENS] * shift(self.camera, z).real
@@ -310,12 +323,6 @@ class DenseRobocentricFilter:
             self.place_of_key[key] = len(self.P)
             self.warped_places.append(len(self.P))
             self.augment(np.zeros((3, S)), noise, y)
-
-    def augment(self, J: Array, noise: Array, estimate: Array) -> None:
-        """Add variables that are ``J vehicle + noise`` at present."""
-        cross = J @ self.P[:S]
-        self.P = np.block([[self.P, cross.T], [cross, cross[:, :S] @ J.T + noise]])
-        self.estimate = np.concatenate([self.estimate, estimate])
 
     def marginalize(self, keys: list[int]) -> None:
         """Observe landmarks no more."""
@@ -337,33 +344,6 @@ class DenseRobocentricFilter:
                 self.positions_of_key[key] = place
             del self.place_of_key[key]
 
-    def has_position(self, place: int) -> bool:
-        """Whether a landmark's disparity is positive by two standard deviations."""
-        straight = self.estimate[place : place + 3]
-        a = np.array([1.0, -1.0])
-        variance = a @ self.P[place : place + 2, place : place + 2] @ a
-        return bool(straight[0] - straight[1] > 2 * np.sqrt(variance))
-
-    def position(self, y: Array, T_world_body: Array) -> tuple[Array, Array]:
-        """World position (3,) of an image point, its derivative (3, 22) by vehicle and itself."""
-        D = shift(self.camera, y[None])[0].real
-
-        def moved(x: Complex) -> Complex:
-            T = T_world_body @ expm(twist_matrix(x[POSE]))
-            return world_positions(self.camera, T, (y + x[S:] + x[LENS] * D)[None])[0]
-
-        return moved(np.zeros(S + 3)).real, complex_step(moved, np.zeros(S + 3))
-
-    def active_rows(self, keys: list[int]) -> NDArray[np.int64]:
-        """Rows (19 + 3 n,) of the vehicle state and these landmarks."""
-        landmarks = self.rows_of([self.place_of_key[key] for key in keys])
-        return np.concatenate([np.arange(S), landmarks.ravel()])
-
-    @staticmethod
-    def rows_of(places: list[int]) -> NDArray[np.int64]:
-        """Rows (n, 3) of landmarks."""
-        return np.array(places, dtype=np.int64).reshape(-1, 1) + np.arange(3)
-
     def told(self) -> Told:
         """Weigh bias and none."""
         prior, temper = (
@@ -371,28 +351,3 @@ class DenseRobocentricFilter:
             self.track_noise.observations_per_independent,
         )
         return told_of_both(self.P, BIAS, self.estimate[BIAS], prior, temper)
-
-    def told_pose(self, told: Told) -> Array:
-        return self.T_world_body @ se3.exp(told.mean[POSE])
-
-    def landmark(self, key: int, told: Told) -> tuple[Array, Array]:
-        """World position (3,) and covariance (3, 3) as all frames so far have it."""
-        if key in self.place_of_key:
-            place = self.place_of_key[key]
-            own = place + np.arange(3)
-            y = self.estimate[own]
-            y = y + told.mean[own] + told.mean[LENS] * shift(self.camera, y[None])[0].real
-            position, J = self.position(y, self.told_pose(told))
-            rows = np.concatenate([np.arange(S), own])
-            return position, J @ told.covariance[np.ix_(rows, rows)] @ J.T
-        own = self.positions_of_key[key] + np.arange(3)
-        return self.estimate[own] + told.mean[own], told.within[np.ix_(own, own)]
-
-    def smoothed(self, told: Told) -> tuple[Array, Array]:
-        """Past poses (T, 4, 4) and covariances (T, 6, 6) as all frames so far have them."""
-        rows = [np.arange(i, i + 6) for _, i in self.clones]
-        poses = [
-            T @ se3.exp(self.estimate[own] + told.mean[own])
-            for (T, _), own in zip(self.clones, rows, strict=True)
-        ]
-        return np.array(poses), np.array([told.within[np.ix_(own, own)] for own in rows])

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dense_robocentric import BIAS, LENS, POSE, DenseRobocentricFilter
+from dense_robocentric import DenseRobocentricFilter
+from dense_state import BIAS, LENS, POSE
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from plain_belief import Told

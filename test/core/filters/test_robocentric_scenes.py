@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dense_robocentric import TWIST
+from dense_state import TWIST
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scenes import STANDING, frame_of

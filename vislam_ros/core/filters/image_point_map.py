@@ -22,6 +22,7 @@ from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.landmarks import LandmarkStore
 from vislam_ros.core.motion import symmetrized
 from vislam_ros.core.operations.bias_belief import BiasBelief
+from vislam_ros.core.operations.error_state import ErrorState
 from vislam_ros.core.operations.marginalization import WorldPositions
 from vislam_ros.core.tracking.tracked_frame import Keys
 
@@ -119,6 +120,20 @@ def _placed(camera: StereoCamera, points: ImagePoints) -> tuple[Array, Array, Ar
     J_s[:, :, 3:6] = -R @ se3.hat(points_body)
     J_s[:, :, -1] = (J_y @ radial_shift(camera, y)[..., None])[..., 0]
     return means, J_s, J_y
+
+
+def image_points_in(
+    state: ErrorState, y: Array, slots: NDArray[np.int64], T_world_body: Array
+) -> ImagePoints:
+    """Landmarks in some slots (m,) of a state, at image points (m, 3)."""
+    P = state.covariance
+    return ImagePoints(
+        y=y,
+        own=state.landmark_covariances()[slots],
+        cross=P[state.rows_of(slots)[:, :, None], POSE_AND_LENS],
+        pose_and_lens=P[POSE_AND_LENS[:, None], POSE_AND_LENS],
+        T_world_body=T_world_body,
+    )
 
 
 def points_of_both(

@@ -24,6 +24,8 @@ taken sample by sample, and where samples are missing, 3 is left out:
 3. The prediction's mean twist measures the body's (without a frame in between: unforeseen_walk).
 4. The body moves, and landmarks are warped by the same and the drift, ``P <- F P F^T``: all noise
    is in the vehicle state already. Those that come behind the camera are marginalized before.
+   Where the last frame has left the twist in doubt, or told none, this is linearized about the one
+   that the present frame shows: an iteration of an iterated EKF (Bell and Cathey, 1993).
 5. The frame's image points correct everything, but for those that gates reject, of a frame or of
    all of a track's together. What is far off for its track counts for less.
 6. The noise of the motion is learned from what vision has seen of it. Where most of a frame was
@@ -39,45 +41,23 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.core.filters import robocentric_model as model
 from vislam_ros.core.filters.estimator import Outcome, Pose
 from vislam_ros.core.filters.image_point_map import (
     ImagePointMap,
     ImagePoints,
     has_position,
+    image_points_in,
     points_of_both,
     positions_of_all,
     world_positions,
 )
 from vislam_ros.core.filters.registry import register_estimator
-from vislam_ros.core.filters.robocentric_model import (
-    BODY_TWIST_ROWS,
-    DRIFT,
-    GYRO_BIAS,
-    LENS,
-    POSE,
-    POSE_AND_LENS,
-    SIZE,
-    TWIST,
-    TwistChange,
-    Vehicle,
-    doubt_of_twist,
-    estimates_of,
-    learn_motion,
-    motion_priors,
-    motions_of,
-    prior_covariance,
-    random_walk,
-    track_priors,
-    transition_of,
-    twist_correction,
-    unforeseen_walk,
-)
+from vislam_ros.core.filters.robocentric_model import DRIFT, GYRO_BIAS, LENS, POSE, SIZE, TWIST
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
-from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
-from vislam_ros.core.geometry.warp import warp
 from vislam_ros.core.linalg import gating
 from vislam_ros.core.motion import Increment, Twist
 from vislam_ros.core.noise.frame_rate import FrameRate
@@ -88,6 +68,7 @@ from vislam_ros.core.operations.bias_belief import BiasBelief, bias_belief
 from vislam_ros.core.operations.direct_correction import DirectCorrection, correct_gradually
 from vislam_ros.core.operations.error_state import ErrorState, Operation, Recorder, Result
 from vislam_ros.core.operations.initialization import Initialization
+from vislam_ros.core.operations.innovations import Innovations
 from vislam_ros.core.operations.marginalization import Marginalization
 from vislam_ros.core.operations.transition import NewBeginning
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
@@ -126,20 +107,20 @@ class RobocentricFilter:
         self._camera = camera
         self._observation = StereoObservation(camera, settings.pixel_variance)
         self._frame_rate = FrameRate()
-        self._motion_noise = MotionNoise(*motion_priors(settings), self._frame_rate)
+        self._motion_noise = MotionNoise(*model.motion_priors(settings), self._frame_rate)
         self._twist_variance = self._motion_noise.twist_variance
-        priors = track_priors(settings, self._observation)
+        priors = model.track_priors(settings, self._observation)
         self._track_noise = TrackNoise(*priors, self._frame_rate, learns=settings.learn_noise)
         self._track_runs = TrackRuns()
-        self._state = ErrorState(prior_covariance(settings), SIZE, tape)
+        self._state = ErrorState(model.prior_covariance(settings), SIZE, tape)
         self._marginalized = ImagePointMap(camera)
         self._believed: BiasBelief | None = None  # of the present state
         # Of the last frame: what of the state it rejected, on which axes it left the twist in
-        # doubt, and whether there was nothing in it.
+        # doubt, whether there was nothing in it, and whether it has told the twist.
         self._rejected: Keys = np.empty(0, dtype=np.int64)
         self._doubted: NDArray[np.bool_] = np.zeros(6, dtype=bool)
-        self._saw_nothing = False
-        self.vehicle = Vehicle()
+        self._saw_nothing = self._told_twist = False
+        self.vehicle = model.Vehicle()
         self.keys: Keys = np.empty(0, dtype=np.int64)
         self.image_points: Array = np.empty((0, 3))
 
@@ -147,8 +128,8 @@ class RobocentricFilter:
         """Take other settings; noise that is told anew is learned from there."""
         self._settings = settings
         self._observation = StereoObservation(self._camera, settings.pixel_variance)
-        self._motion_noise.tell(*motion_priors(settings))
-        tracks = track_priors(settings, self._observation)
+        self._motion_noise.tell(*model.motion_priors(settings))
+        tracks = model.track_priors(settings, self._observation)
         self._track_noise.tell(*tracks, learns=settings.learn_noise)
 
     @property
@@ -184,34 +165,36 @@ class RobocentricFilter:
         """Take a step, in the order of the text above."""
         self._marginalize(is_member(self.keys, np.concatenate([frame.ended, self._rejected])))
         behind_camera = self._rejected = self.keys[:0]
+        in_doubt = bool(self._doubted.any()) or not self._told_twist
         if self._doubted.any():
-            self._apply(doubt_of_twist(self._state.vehicle_covariance, self._doubted))
-        parts = motions_of(increment)
+            self._apply(model.doubt_of_twist(self._state.vehicle_covariance, self._doubted))
+        parts = model.motions_of(increment)
         if parts:
             self._frame_rate.add(increment.duration)
         for i, (tau, measured) in enumerate(parts):
             twist, variances = self._walk(tau)
             if measured is not None:
                 self._measure_twist(measured, blind=i > 0 or self._saw_nothing)
-            behind_camera = np.concatenate([behind_camera, self._move(tau)])
+            shown = self._shown_twist(frame, tau) if in_doubt and i == len(parts) - 1 else None
+            behind_camera = np.concatenate([behind_camera, self._move(tau, shown)])
         self._saw_nothing = not len(frame.keys)
-        slots = indices_of(frame.keys, self.keys)
+        slots, factors = self._seen(frame)
         known = slots >= 0
-        factors = self._track_noise.factors(frame.noise, len(frame.keys))
-        seen = frame.keys[known], slots[known], frame.pixels[known], factors[known]
         try:
-            outcome = self._correct(*seen)
+            outcome = self._correct(frame.keys[known], self._innovations(frame, self.image_points))
             self._rejected = outcome.rejected
         except np.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
             self._marginalize(is_member(self.keys, frame.keys))
             outcome = Outcome(rejected=frame.keys[known])
+        self._told_twist = outcome.used > 0
         self._doubted = np.full(6, outcome.is_contradicted)
         if parts and outcome.used:
             P, learns = self._state.vehicle_covariance, self._settings.learn_noise
-            change = TwistChange(self.vehicle.twist - twist, variances, P.diagonal()[TWIST].copy())
+            before, after = variances, P.diagonal()[TWIST].copy()
+            change = model.TwistChange(self.vehicle.twist - twist, before, after)
             if learns and measured is not None:
-                learn_motion(self._motion_noise, change, self.vehicle, P, measured, tau)
+                model.learn_motion(self._motion_noise, change, self.vehicle, P, measured, tau)
             self._doubted |= (learns and self._motion_noise.begins) | change.unforeseen
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
@@ -228,8 +211,8 @@ class RobocentricFilter:
             admitted=int(np.count_nonzero(new)),
             rejected=np.concatenate([outcome.rejected, frame.keys[contradicted]]),
             pose=Pose(told.T_world_body, P[POSE, POSE].copy()),
-            twist=Twist(told.body_twist, BODY_TWIST_ROWS @ P @ BODY_TWIST_ROWS.T),
-            estimates=estimates_of(
+            twist=Twist(told.body_twist, model.BODY_TWIST_ROWS @ P @ model.BODY_TWIST_ROWS.T),
+            estimates=model.estimates_of(
                 told,
                 (belief.bias_std, max(P[LENS, LENS], 0.0) ** 0.5),
                 level * sum(self._settings.pixel_variance) / 4,
@@ -268,7 +251,8 @@ class RobocentricFilter:
         """``P <- P + Q``; return the twist (6,) and its variances (6,) as they stand then."""
         drifting = (self._track_noise.observations_per_independent - 1.0) * self.vehicle.speed
         self._apply(NewBeginning(DRIFT))
-        self._apply(random_walk(self._settings, self._motion_noise.walk_variance, drifting, tau))
+        walk = self._motion_noise.walk_variance
+        self._apply(model.random_walk(self._settings, walk, drifting, tau))
         self.vehicle = replace(self.vehicle, drift=np.zeros(3))
         return self.vehicle.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
 
@@ -276,37 +260,69 @@ class RobocentricFilter:
         """Correct by the prediction's mean twist (6,), or what there is of it."""
         self._motion_noise.add(measured)
         self._twist_variance = self._motion_noise.twist_variance
-        correction = twist_correction(measured, self.vehicle, self._twist_variance)
+        correction = model.twist_correction(measured, self.vehicle, self._twist_variance)
         if blind:
-            self._apply(unforeseen_walk(correction, self._state.vehicle_covariance))
+            self._apply(model.unforeseen_walk(correction, self._state.vehicle_covariance))
         self._shift(self._apply(correction).delta)
 
-    def _move(self, tau: float) -> Keys:
-        """Move the body and warp every landmark; return the keys of those behind the camera."""
-        seen, motion = (se3.exp(tau * u) for u in (self.vehicle.twist, self.vehicle.body_twist))
-        warped = warp(self._camera, self.image_points, seen)
+    def _move(self, tau: float, about: Array | None) -> Keys:
+        """Move the body and warp every landmark; return the keys of those behind the camera.
+
+        All of it is linearized about the twist believed, or about another one (6,).
+        """
+        believed = self.vehicle.twist
+        vehicle = self.vehicle if about is None else replace(self.vehicle, twist=about)
+        warped, transition = model.motion_of(self._camera, self.image_points, vehicle, tau)
         if len(behind_camera := self.keys[~warped.ahead]):
             self._marginalize(~warped.ahead)
-            warped = warp(self._camera, self.image_points, seen)
-        y, vehicle = self.image_points, self.vehicle
-        self._apply(transition_of(self._camera, y, warped, motion, vehicle, tau))
-        self.vehicle = vehicle.moved(motion)
-        self.image_points = warped.y
+            warped, transition = model.motion_of(self._camera, self.image_points, vehicle, tau)
+        self._apply(transition)
+        self.vehicle, self.image_points = vehicle.moved(tau), warped.y
+        if about is not None:
+            self._shift(transition.moved(TWIST, believed - about))
         return behind_camera
 
-    def _correct(self, keys: Keys, slots: Slots, pixels: Array, factors: Array) -> Outcome:
+    def _shown_twist(self, frame: TrackedFrame, tau: float) -> Array | None:
+        """Twist (6,) that a frame shows, tau seconds from now; None where it shows none."""
+        warped, transition = model.motion_of(self._camera, self.image_points, self.vehicle, tau)
+        innovations = self._innovations(frame, warped.y)
+        if not (len(innovations.slots) and warped.ahead.all()):
+            return None
+        state = ErrorState(self._state.covariance, SIZE)
+        state.apply(transition)
+        try:
+            agreed = innovations.agreed_in(state)
+        except np.linalg.LinAlgError:
+            return None
+        change = innovations.covariance_in(state, TWIST, agreed) @ agreed.weighted
+        return np.asarray(self.vehicle.twist + change)
+
+    def _seen(self, frame: TrackedFrame) -> tuple[Slots, Array]:
+        """Slots (n,) of a frame's landmarks, -1 for none, and factors (n,) of their noise."""
+        factors = self._track_noise.factors(frame.noise, len(frame.keys))
+        return indices_of(frame.keys, self.keys), factors
+
+    def _innovations(self, frame: TrackedFrame, y: Array) -> Innovations:
+        """Those of a frame's known landmarks, whose image points (m, 3) are expected at y."""
+        slots, factors = self._seen(frame)
+        known = slots >= 0
+        slots, tracks = slots[known], self._track_noise
+        noise = tracks.variances(slots, factors[known])
+        residual = self._straight(frame.pixels[known]) - y[slots]
+        expected = tracks.expected(noise, y[slots])
+        gates = tracks.gate(self._settings.chi2_gate), self._settings.pixel_gate
+        return Innovations(slots, residual, noise, expected, tracks.components, *gates)
+
+    def _correct(self, keys: Keys, innovations: Innovations) -> Outcome:
         """Correct by observations of active landmarks, but for outliers."""
         if not len(keys):
             return Outcome()
-        residual = self._straight(pixels) - self.image_points[slots]
-        noise = self._track_noise.variances(slots, factors)
-        inliers = self._inliers(slots, residual, noise)
+        inliers = self._inliers(innovations)
         chosen = inliers.indices
         rejected = np.delete(keys, chosen)
         if not len(chosen):
             return Outcome(rejected=rejected)
-        residual, noise, slots = residual[chosen], noise[chosen], slots[chosen]
-        used = self._track_noise.components
+        slots, residual, noise, _, used, *_ = innovations.of(chosen)
         tails = self._track_noise.with_tails(slots, noise, inliers.inverse, inliers.weighted)
         seen, R, R_tails = residual[:, used], noise[:, used], tails[:, used]
         inliers = gating.with_more_noise(inliers, (R_tails - R).ravel(), seen)
@@ -319,22 +335,15 @@ class RobocentricFilter:
         nis = float(seen.ravel() @ inliers.weighted)
         return Outcome(len(slots), 0, rejected, nis, len(inliers.weighted))
 
-    def _inliers(self, slots: Slots, residual: Array, noise: Array) -> gating.Inliers:
-        """Innovations (n, 3) that pass their own gates, and agree with the others and in time."""
-        gate = self._track_noise.gate(self._settings.chi2_gate)
-        own = self._state.landmark_covariances()[slots]
-        expected = self._track_noise.expected(noise, self.image_points[slots])
-        own.reshape(-1, 9)[:, ::4] += expected
-        alone = np.flatnonzero(gating.passes_gates(residual, own, gate, self._settings.pixel_gate))
-        used = self._track_noise.components
-        numbers = alone[:, None], used
-        together = DirectCorrection(residual[numbers], noise[numbers], slots[alone], used)
-        agreed = gating.deletion_gate(gate, together.residual, together.inverse_in(self._state))
+    def _inliers(self, innovations: Innovations) -> gating.Inliers:
+        """Those that pass their own gates, and agree with the others and in time."""
+        slots, residual, _, _, used, gate, _ = innovations
+        agreed = innovations.agreed_in(self._state)
         white = gating.deletion_residuals(agreed, len(used))
-        distances = self._track_runs.update(slots[alone[agreed.indices]], used, white)
+        distances = self._track_runs.update(slots[agreed.indices], used, white)
         if gate > 0 and np.any(distances > gate):
-            agreed = gating.without(agreed, distances > gate, together.residual)
-        return agreed._replace(indices=alone[agreed.indices])
+            agreed = gating.without(agreed, distances > gate, residual[:, used])
+        return agreed
 
     def _initialize(self, keys: Keys, pixels: Array, factors: Array) -> None:
         """Add landmarks at their first observation."""
@@ -365,14 +374,7 @@ class RobocentricFilter:
         return y + self.vehicle.kappa * radial_shift(self._camera, y)
 
     def _image_points_of(self, slots: Slots) -> ImagePoints:
-        P = self._state.covariance
-        return ImagePoints(
-            y=self.image_points[slots],
-            own=self._state.landmark_covariances()[slots],
-            cross=P[self._state.rows_of(slots)[:, :, None], POSE_AND_LENS],
-            pose_and_lens=P[POSE_AND_LENS[:, None], POSE_AND_LENS],
-            T_world_body=self.T_world_body,
-        )
+        return image_points_in(self._state, self.image_points[slots], slots, self.T_world_body)
 
     def _told(self, points: ImagePoints, slots: Slots) -> ImagePoints:
         """Landmarks for the map: those of the belief in a bias and of that in none."""

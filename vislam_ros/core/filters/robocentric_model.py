@@ -50,7 +50,7 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
-from vislam_ros.core.geometry.warp import Warp
+from vislam_ros.core.geometry.warp import Warp, warp
 from vislam_ros.core.motion import FIRST_TWIST_STD, Increment, Part, measures_velocity
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.operations.correction import VehicleCorrection
@@ -125,8 +125,9 @@ class Vehicle:
             self.drift + delta[DRIFT],
         )
 
-    def moved(self, motion: Array) -> "Vehicle":
-        """Return where it is after a motion (4, 4)."""
+    def moved(self, tau: float) -> "Vehicle":
+        """Return where it is after tau seconds."""
+        motion = se3.exp(tau * self.body_twist)
         return replace(self, T_world_body=self.T_world_body @ motion)
 
 
@@ -287,18 +288,19 @@ def learn_motion(
     noise.update(*change, twist_error(measured, vehicle), spread, tau)
 
 
-def transition_of(
-    camera: StereoCamera, y: Array, warped: Warp, motion: Array, vehicle: Vehicle, tau: float
-) -> Transition:
-    """F of a motion (4, 4) of the body, in whose tau seconds image points (n, 3) were warped."""
+def motion_of(
+    camera: StereoCamera, y: Array, vehicle: Vehicle, tau: float
+) -> tuple[Warp, Transition]:
+    """What a vehicle's twist makes of image points (n, 3) in tau seconds, and F of it."""
+    warped = warp(camera, y, se3.exp(tau * vehicle.twist))
     by_twist = tau * se3.right_jacobian(tau * vehicle.twist)
     by_body_twist = tau * se3.right_jacobian(tau * vehicle.body_twist)
     A = np.eye(SIZE)
-    A[POSE, POSE] = se3.adjoint(se3.inverse(motion))
+    A[POSE, POSE] = se3.adjoint(se3.exp(-tau * vehicle.body_twist))
     A[POSE] += by_body_twist @ BODY_TWIST_ROWS
     shift, shift_new = radial_shift(camera, y), radial_shift(camera, warped.y)
     coupling = _coupling(warped.G, by_twist, warped.F_y, shift, shift_new)
-    return Transition(A, warped.F_y, coupling)
+    return warped, Transition(A, warped.F_y, coupling)
 
 
 @compiled(

@@ -97,6 +97,11 @@ class Transition(Operation[None]):
     landmarks: Array
     coupling: Array
 
+    def moved(self, rows: slice, delta: Array) -> Array:
+        """What an error (k,) of some of the vehicle's rows behind the pose becomes (D,)."""
+        coupled = self.coupling[:, :, rows.start - 6 : rows.stop - 6] @ delta
+        return np.concatenate([self.vehicle[:, rows] @ delta, coupled.ravel()])
+
     def forward(self, state: ErrorState) -> None:
         """``P <- F (P - Y^T Y) F^T``: a correction just before it costs less along with it."""
         A, D, s = self.vehicle, self.landmarks, state.vehicle_size
