@@ -156,6 +156,6 @@ def _ambiguity(target: Array, residual: Array, kind: AlignmentKind) -> str | Non
         return (
             f"the alignment is not unique: the path leaves a straight line by {widths[1]:.2g} m, "
             f"its errors are {errors:.2g} m (root mean squares): any turn about the line fits as "
-            "well; yaw leaves none"
+            "well; of turns about the vertical only one does: align by yaw"
         )
     return None
