@@ -19,7 +19,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.step import KINDS
 from vislam_ros.data.pictures.results import plot_results
 from vislam_ros.data.results.reader import read_results
-from vislam_ros.data.results.writer import OWNED_FILES, ResultWriter
+from vislam_ros.data.results.writer import COVARIANCE_COLUMNS, OWNED_FILES, ResultWriter
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 
@@ -289,6 +289,10 @@ def test_a_last_line_cut_anywhere_costs_that_line_only(
         (("trajectory.tum", "1.0 2\n"), r"trajectory.tum: line 1"),
         (("steps.csv", "a,b\n"), r"steps.csv: line 1 must begin with stamp,frozen"),
         (("trajectory_covariance.csv", "x_x\n"), r"line 1 must begin with stamp,x_x"),
+        (
+            ("trajectory_covariance.csv", f"{','.join(COVARIANCE_COLUMNS)}\ninf{',0' * 21}\n"),
+            r"line 2 is 'inf,0.*: it must hold 22 numbers, the first a finite time in seconds",
+        ),
     ],
 )
 def test_what_is_missing_or_damaged_is_named(

@@ -129,7 +129,8 @@ def _read_table(
         parsed = _parsed(row) if len(row) == len(columns) else None
         if parsed is None:
             raise VislamError(
-                f"{path}: line {number} is {','.join(row)!r}: it must hold {len(columns)} numbers"
+                f"{path}: line {number} is {','.join(row)!r}: it must hold {len(columns)} "
+                "numbers, the first a finite time in seconds"
             )
         table.append(parsed)
     return columns, table
