@@ -141,6 +141,23 @@ def test_a_cameras_poses_begin_at_the_identity_and_move_as_the_camera_does() -> 
     np.testing.assert_allclose(np.linalg.inv(camera[k - 1]) @ camera[k], expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("first", ["1700000000.0", "0.0", "1.7e9"])
+def test_a_tum_file_with_commas_is_told_to_have_blanks(tmp_path: Path, first: str) -> None:
+    path = tmp_path / "t.tum"
+    path.write_text(f"{first},1,2,3,0,0,0,1\n1700000000.1,1,2,3,0,0,0,1\n")
+    with pytest.raises(VislamError, match=r"line 2 .* put blanks in place of the commas"):
+        read_trajectory(path)
+
+
+@pytest.mark.parametrize("stamps", [("0", "5"), ("1.7e18", "1.8e18"), ("17.0", "18.00")])
+def test_whole_nanoseconds_may_be_written_in_any_way(
+    tmp_path: Path, stamps: tuple[str, str]
+) -> None:
+    path = tmp_path / "data.csv"
+    path.write_text("".join(f"{stamp},1,2,3,1,0,0,0\n" for stamp in stamps))
+    assert read_trajectory(path).stamps.tolist() == [int(float(stamp)) for stamp in stamps]
+
+
 @pytest.mark.parametrize("file_format", ["euroc", "kitti"])
 def test_evo_reads_what_is_written(file_format: FileFormat, tmp_path: Path) -> None:
     program = Path(sys.executable).parent / "evo_traj"

@@ -87,6 +87,12 @@ def _euroc_fields(line: str, number: int, path: Path) -> list[str]:
             "more, t x y z qw qx qy qz"
         )
     stamp, x, y, z, qw, qx, qy, qz, *_ = fields
+    if _is_number(stamp) and float(stamp) % 1 > 0:
+        raise VislamError(
+            f"{path}: line {number} has commas, and the stamp {stamp}: EuRoC's csv has whole "
+            "nanoseconds and qw before qx; for a TUM file, in seconds and qx qy qz qw, put blanks "
+            "in place of the commas"
+        )
     return [stamp, x, y, z, qx, qy, qz, qw]
 
 
