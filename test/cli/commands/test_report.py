@@ -64,6 +64,23 @@ def test_without_plotly_a_line_tells_what_to_install(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("command", ["plot", "report", "view", "evaluate"])
+def test_a_reference_of_another_drive_is_named(
+    solved: Path,
+    dataset: Path,
+    tmp_path: Path,
+    command: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    other = tmp_path / "other.tum"
+    lines = dataset.with_suffix(".tum").read_text().splitlines()
+    other.write_text("".join(f"2{line[1:]}\n" for line in lines))
+    output = ["--save", str(tmp_path / "run.rrd")] if command == "view" else []
+    assert main([command, str(solved), "--reference", str(other), *output]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: {solved} against {other}: 0 poses of the reference lie within")
+
+
 def test_pictures_are_drawn_as_asked(
     solved: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

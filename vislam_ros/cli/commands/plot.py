@@ -6,14 +6,14 @@ import argparse
 
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.lines import answer
+from vislam_ros.data.evaluation.association import read_reference
 from vislam_ros.data.results.reader import read_results
-from vislam_ros.data.trajectory_files import read_trajectory
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     results = read_results(arguments.directory)
-    reference = read_trajectory(arguments.reference) if arguments.reference else None
+    reference = read_reference(arguments.reference, results) if arguments.reference else None
     # It takes a second to import, which what cannot be read need not wait for.
     from vislam_ros.data.pictures.results import plot_results
 

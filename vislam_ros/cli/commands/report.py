@@ -8,9 +8,9 @@ from typing import Any
 
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.lines import answer
+from vislam_ros.data.evaluation.association import read_reference
 from vislam_ros.data.files.json_file import read_json
 from vislam_ros.data.results.reader import read_results
-from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.errors import VislamError
 
 _FINDINGS = "findings.json"
@@ -19,7 +19,7 @@ _FINDINGS = "findings.json"
 def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     results = read_results(arguments.directory)
-    reference = read_trajectory(arguments.reference) if arguments.reference else None
+    reference = read_reference(arguments.reference, results) if arguments.reference else None
     findings = _findings(arguments.directory, arguments.findings)
     output = arguments.output or arguments.directory / "report.html"
     from vislam_ros.data.report.page import write_report

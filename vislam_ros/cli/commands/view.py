@@ -12,11 +12,11 @@ from vislam_ros.cli.reading import conventions, read_input
 from vislam_ros.cli.screen import progress_bar
 from vislam_ros.data.bags.bag_messages import is_bag
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.evaluation.association import read_reference
 from vislam_ros.data.image_sources import is_images, read_images
 from vislam_ros.data.images.bags.reader import matches as has_bag_images
 from vislam_ros.data.images.stereo_images import StereoImages
 from vislam_ros.data.results.reader import Results, read_results
-from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.data.viewing.results import log_results
 from vislam_ros.data.viewing.stream import check_stream, opened_stream
 from vislam_ros.errors import VislamError
@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     check_stream(arguments.save, force=arguments.force)
     results = read_results(arguments.directory)
-    reference = read_trajectory(arguments.reference) if arguments.reference else None
+    reference = read_reference(arguments.reference, results) if arguments.reference else None
     drive, images = None, None
     if arguments.data is not None:
         drive = _drive(arguments, results)

@@ -2,16 +2,47 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which pose of an estimate belongs to which pose of its reference: the nearest in time."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.data.results.reader import Results
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory
+from vislam_ros.data.trajectory_files import read_trajectory
 from vislam_ros.errors import VislamError
 
 Indices = NDArray[np.int64]
 
 #: Poses farther apart in time than this are not compared, seconds; evo's default, too.
 MAX_DIFFERENCE = 0.01
+
+
+def read_reference(path: Path, results: Results) -> Trajectory:
+    """Read the reference of a run, and see that it is one of each of its trajectories.
+
+    Raises
+    ------
+    VislamError
+        Naming both, where fewer than two poses belong together; where the file cannot be read.
+    """
+    reference = read_trajectory(path)
+    with named_pair(results.directory, path):
+        for estimate in (results.trajectory, results.dead_reckoning, results.smoothed):
+            if estimate is not None:
+                associate(reference, estimate)
+    return reference
+
+
+@contextmanager
+def named_pair(run: Path, reference: Path) -> Iterator[None]:
+    """Name in every VislamError what is held against what."""
+    try:
+        yield
+    except VislamError as error:
+        raise VislamError(f"{run} against {reference}: {error}") from error
 
 
 def associate(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.data.evaluation.alignment import AlignmentKind, align_positions, best_scale
-from vislam_ros.data.evaluation.association import MAX_DIFFERENCE, associate
+from vislam_ros.data.evaluation.association import MAX_DIFFERENCE, associate, named_pair
 from vislam_ros.data.evaluation.consistency import consistency_figures, normalised_errors
 from vislam_ros.data.evaluation.relative import (
     distance_pairs,
@@ -27,7 +27,6 @@ from vislam_ros.data.evaluation.relative import (
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.data.trajectory_files import read_trajectory
-from vislam_ros.errors import VislamError
 
 Array = NDArray[np.float64]
 
@@ -283,13 +282,11 @@ def evaluate_runs(
             "reference": str(reference),
             "reference_length_m": path_length(truth),
         }
-        try:
+        with named_pair(run, reference):
             for name, (estimate, covariances) in estimates.items():
                 evaluation[name] = compare(
                     truth, estimate, covariances, align=align, max_difference=max_difference
                 )
-        except VislamError as error:
-            raise VislamError(f"{run} against {reference}: {error}") from error
         evaluations.append(evaluation)
     return evaluations
 
