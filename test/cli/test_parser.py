@@ -75,6 +75,9 @@ def test_help_has_examples_that_parse(command, capsys):
         (["solve", "d.npz", "--ot=r"], "did you mean --out, not --ot?"),
         (["evaluate", "r", "--refrence", "a"], "did you mean --reference, not --refrence?"),
         (["play", "bag", "--rats", "0", "--ros-args", "--lop"], "--rate, not --rats?"),
+        (["run", "d.npz", "--out", "r", "--loop"], "arguments: --loop; vislam play has --loop"),
+        (["run", "d.npz", "--out=r", "--align=se3"], "; vislam evaluate, plot have --align"),
+        (["plot", "r", "--refernce", "a"], "did you mean --reference, not --refernce?"),
     ],
 )
 def test_a_typo_is_answered_with_what_was_meant(argv, suggestion, capsys):
@@ -92,6 +95,8 @@ def test_a_typo_is_answered_with_what_was_meant(argv, suggestion, capsys):
     [
         ["xyzzy"],
         ["solve", "drive.npz", "--out", "r", "--xyzzy"],
+        ["run", "drive.npz", "--out", "r", "--loop"],
+        ["run", "drive.npz", "--out", "r", "--h-"],
         ["solve", "drive.npz", "--smo"],
         ["solve", "slove"],
     ],
