@@ -121,6 +121,20 @@ def test_a_reliable_publisher_is_heard_once_where_a_best_effort_one_was_before(g
     assert [deserialize_message(data, String).data for data in heard] == ["loose", *words]
 
 
+@pytest.mark.parametrize("offered", [RELIABLE, BEST_EFFORT], ids=["reliable", "best effort"])
+def test_a_second_subscription_is_for_publishers_that_do_not_fit(make_node, monkeypatch, offered):
+    node, speaker = make_node(Hearer), make_node(Speaker)
+    hearing = MatchingSubscription(node, Topic("words", "std_msgs/msg/String"), print)
+    speaker.create_publisher(String, "words", offered)
+    wait_until(lambda: node.count_publishers("words"), "the publisher")
+    # It is known before it is matched.
+    monkeypatch.setattr(type(hearing._first), "get_publisher_count", lambda _: 0)
+    hearing.look()
+    assert hearing.heard_as() == mismatch(offered, RELIABLE)
+    subscriptions = [one for one in node.subscriptions if one.topic_name == "/words"]
+    assert len(subscriptions) == (2 if hearing.heard_as() else 1)
+
+
 def status_of(hearer, published):
     message = published[DIAGNOSTICS.name][-1]
     return message.status[0], conversions.status_values(message, "/hearer")

@@ -128,6 +128,8 @@ class MatchingSubscription:
         if not offered:
             return
         profile = fitting(offered, self._first.qos_profile)
+        if not mismatch(profile, self._first.qos_profile):
+            return  # all fit the first one, which has yet to match them
         if self._second is None or any(mismatch(one, self._second.qos_profile) for one in offered):
             self._close_second()
             self._second = self._open(profile, self._hear_second)
