@@ -133,6 +133,27 @@ def test_a_part_of_the_bag_comes_with_the_latched_messages_from_before(listen, m
     assert listener.heard[FEATURES.recorded] == expected
 
 
+@pytest.mark.parametrize(
+    ("part", "reason"),
+    [
+        ({"start_offset": 100.0}, r"--start-offset 100 is past its end: it lasts \d+\.\d+ s"),
+        ({"duration": 0.0}, "--duration 0 plays nothing"),
+        ({"duration": -1.0}, "--duration -1 plays nothing"),
+    ],
+)
+def test_a_part_that_the_bag_has_not_is_refused(make_player, bag, part, reason):
+    with pytest.raises(VislamError, match=reason) as error:
+        make_player(dataclasses.replace(FULL_SPEED, **part))
+    assert str(error.value).startswith(f"{bag.path}: ")
+
+
+def test_the_last_moment_of_the_bag_is_a_part_of_it(make_player, bag):
+    last = dataclasses.replace(FULL_SPEED, start_offset=bag.duration / 1e9, wait=0.0)
+    report = make_player(last).play()
+    assert report.messages > len(LATCHES)
+    assert report.state == "finished"
+
+
 def test_a_loop_sends_the_same_stamps_again(listen, make_player, bag):
     listener = listen()
     report = make_player(dataclasses.replace(FULL_SPEED, passes=2)).play()

@@ -4,6 +4,9 @@
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
+
+from vislam_ros.errors import VislamError
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,18 @@ class PlayOptions:
     subscribers: int = 1
     whole_graph: bool = False
     window: int = 32
+
+    def require_part(self, bag: Path, seconds: float) -> None:
+        """Raise a VislamError where no part of a bag that lasts so long is to be played."""
+        if self.start_offset > seconds:
+            raise VislamError(
+                f"{bag}: --start-offset {self.start_offset:g} is past its end: it lasts "
+                f"{seconds:.3f} s"
+            )
+        if self.duration <= 0.0:
+            raise VislamError(
+                f"{bag}: --duration {self.duration:g} plays nothing: give more than 0 s"
+            )
 
 
 @dataclass

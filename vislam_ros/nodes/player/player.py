@@ -67,10 +67,11 @@ class Player(Node):
     Raises
     ------
     VislamError
-        Where the bag has none of the topics to play.
+        Where the bag has none of the topics to play, or not the part of it.
     """
 
     def __init__(self, bag: BagMessages, options: PlayOptions, context: Context | None = None):
+        options.require_part(bag.path, bag.duration / NANOSECONDS)
         renamed, rules = split_rules(options.remap, bag.connections)
         super().__init__(
             "player",
