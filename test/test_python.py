@@ -46,6 +46,25 @@ def test_importing_the_package_imports_nothing_large() -> None:
     assert not loaded & {"numpy", "scipy", "numba", "matplotlib", "rosbags", "rclpy"}
 
 
+def test_what_holds_arrays_is_shown_in_a_line() -> None:
+    simulated = vi.simulate(steps=30, landmarks=150)
+    drive = simulated.drive
+    steps: list[object] = []
+    predictions: list[object] = []
+    solution = vi.solve(drive, smooth=True, on_step=steps.append, on_prediction=predictions.append)
+    shown = (simulated, simulated.landmarks, drive, drive.ground_truth, solution)
+    parts = (solution.trajectory, solution.smoothed, solution.landmarks, steps[-1])
+    for each in (*shown, *parts, predictions[-1]):
+        assert len(repr(each)) < 200
+        assert "\n" not in repr(each)
+        assert "array" not in repr(each)
+    assert repr(drive).startswith("<Drive 'simulated': 30 frames, ")
+    assert "2.9 s, " in repr(drive)
+    assert repr(solution).startswith("<Solution of 'simulated' by robocentric: 30 poses, 2.9 s, ")
+    assert repr(solution).endswith("; verdict good>")
+    assert repr(solution.trajectory).endswith(" m, with covariances>")
+
+
 def test_the_first_lines_of_the_documentation_run() -> None:
     drive = vi.simulate(steps=30, landmarks=150).drive
     solution = vi.solve(drive, smooth=True)

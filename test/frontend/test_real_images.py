@@ -16,7 +16,7 @@ from places import SHARED_DATA
 import vislam_ros as vi
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.stereo_rig import RawCamera, StereoRig
-from vislam_ros.data.evaluation.evaluate import path_length
+from vislam_ros.data.trajectory import path_length
 from vislam_ros.frontend.rectification import Rectification
 from vislam_ros.frontend.settings import TrackerSettings
 from vislam_ros.frontend.tracker import StereoTracker, Tracked

@@ -40,6 +40,9 @@ class LandmarkMap:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def __repr__(self) -> str:
+        return f"<LandmarkMap: {len(self)} landmarks of {len(np.unique(self.ids))} tracks>"
+
 
 class LandmarkStore:
     """Landmarks marginalized, known by their keys (see tracks).

@@ -77,6 +77,13 @@ class SlamStep:
     T_map_odom: Array
     estimates: tuple[Estimate, ...]
 
+    def __repr__(self) -> str:
+        place = ", ".join(f"{value:.2f}" for value in self.position)
+        return (
+            f"<SlamStep at {self.stamp * 1e-9:.3f} s: at ({place}) m, {self.used} of "
+            f"{self.observed} observations used, {self.landmarks} landmarks>"
+        )
+
     def row(self) -> dict[str, float]:
         """All numbers of the step by column, as ``steps.csv`` has them."""
         row: dict[str, float] = {column.name: getattr(self, column.name) for column in COLUMNS}

@@ -12,7 +12,13 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.ranges import GAP, PIXEL, TURN_RATE, VELOCITY
 from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.data.finding import Finding
-from vislam_ros.data.trajectory import LATEST_SECOND, NANOSECONDS, Trajectory, nanoseconds
+from vislam_ros.data.trajectory import (
+    LATEST_SECOND,
+    NANOSECONDS,
+    Trajectory,
+    nanoseconds,
+    path_length,
+)
 from vislam_ros.errors import VislamError
 
 # A sensor's samples are as far apart as this, and those of whoever took the unit wrong are not: at
@@ -79,6 +85,15 @@ class Drive:
     notes: tuple[str, ...] = ()
     refused: RefusalCounts = field(default_factory=RefusalCounts)
     findings: tuple[Finding, ...] = field(default=(), compare=False)
+
+    def __repr__(self) -> str:
+        truth = self.ground_truth
+        known = "" if truth is None else f", {path_length(truth):.1f} m in truth"
+        return (
+            f"<Drive {self.name!r}: {self.steps} frames, {len(self.ids)} observations of "
+            f"{self.tracks} tracks, {len(self.twists)} samples of motion, {self.duration:.1f} s"
+            f"{known}>"
+        )
 
     @classmethod
     def from_tracks(

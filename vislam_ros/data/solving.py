@@ -23,7 +23,7 @@ from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.results.completeness import shortfall
 from vislam_ros.data.results.summary import RunSummary, peak_rss_mb
-from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.trajectory import Trajectory, extent
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,15 @@ class Solution:
     refused: RefusalCounts
     verdict: Judgement | None = None
     smoothed: Trajectory | None = None
+
+    def __repr__(self) -> str:
+        word = "none" if self.verdict is None else self.verdict.word.value
+        smoothed = "" if self.smoothed is None else ", smoothed"
+        return (
+            f"<Solution of {self.summary['drive']!r} by {self.summary['estimator']}: "
+            f"{len(self.trajectory)} poses, {extent(self.trajectory)}, {len(self.landmarks)} "
+            f"landmarks{smoothed}; verdict {word}>"
+        )
 
 
 def trajectory_of(poses: Sequence[SlamStep] | Sequence[Prediction]) -> Trajectory:

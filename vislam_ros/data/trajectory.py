@@ -50,6 +50,15 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.stamps)
 
+    def __repr__(self) -> str:
+        known = "" if self.covariances is None else ", with covariances"
+        return f"<Trajectory: {len(self)} poses, {extent(self)}{known}>"
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first pose to the last."""
+        return float(self.stamps[-1] - self.stamps[0]) * 1e-9 if len(self) else 0.0
+
     @property
     def T_world_body(self) -> NDArray[np.float64]:
         """Poses as homogeneous matrices, (N, 4, 4)."""
@@ -65,6 +74,16 @@ class Trajectory:
             np.array(T_world_body[:, :3, 3]),
             se3.quaternion_from_rotation(T_world_body[:, :3, :3]),
         )
+
+
+def path_length(trajectory: Trajectory) -> float:
+    """Length of the path through all positions, metres."""
+    return float(np.sum(np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1)))
+
+
+def extent(trajectory: Trajectory) -> str:
+    """Seconds and metres of a trajectory, in words."""
+    return f"{trajectory.duration:.1f} s, {path_length(trajectory):.1f} m"
 
 
 def moving_steps(T_world_body: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from vislam_ros.core.filters.quantities import GYRO_BIAS
 from vislam_ros.core.geometry import se3
-from vislam_ros.data.simulation.simulate import SimulatedDrive, simulate
+from vislam_ros.data.simulation.simulate import simulate
+from vislam_ros.data.simulation.simulated_drive import SimulatedDrive
 from vislam_ros.data.solving import solve
 
 Array = NDArray[np.float64]

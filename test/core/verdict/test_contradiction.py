@@ -16,7 +16,8 @@ from vislam_ros.core.verdict.contradiction import contradictions
 from vislam_ros.core.verdict.evidence import Evidence
 from vislam_ros.core.verdict.reason import Reason, Word
 from vislam_ros.data.drive import Drive
-from vislam_ros.data.simulation.simulate import SimulatedDrive, simulate
+from vislam_ros.data.simulation.simulate import simulate
+from vislam_ros.data.simulation.simulated_drive import SimulatedDrive
 
 SETTINGS: dict[str, Any] = {"steps": 300, "landmarks": 1320, "frozen_share": 0.08}
 NOISES: dict[str, dict[str, Any]] = {

@@ -16,10 +16,10 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.data.evaluation.alignment import alignment, first_pose_alignment
 from vislam_ros.data.evaluation.association import associate
 from vislam_ros.data.evaluation.consistency import normalised_errors
-from vislam_ros.data.evaluation.evaluate import compare, evaluate, evaluate_results, path_length
+from vislam_ros.data.evaluation.evaluate import compare, evaluate, evaluate_results
 from vislam_ros.data.evaluation.relative import distance_pairs, frame_pairs
 from vislam_ros.data.results.writer import ResultWriter
-from vislam_ros.data.trajectory import Trajectory, read_tum, write_tum
+from vislam_ros.data.trajectory import Trajectory, path_length, read_tum, write_tum
 from vislam_ros.errors import VislamError
 
 SECOND = 1_000_000_000

@@ -26,7 +26,8 @@ from vislam_ros.core.filters.flat_settings import slam_settings
 from vislam_ros.core.noise.twist_noise import white_noise_levels
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.simulation.file import write_simulated
-from vislam_ros.data.simulation.simulate import SimulatedDrive, SimulationSettings, simulate
+from vislam_ros.data.simulation.simulate import SimulationSettings, simulate
+from vislam_ros.data.simulation.simulated_drive import SimulatedDrive
 from vislam_ros.data.solving import solve
 from vislam_ros.errors import VislamError
 

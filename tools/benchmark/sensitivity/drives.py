@@ -11,10 +11,10 @@ from vislam_ros.data.datasets.conventions import AS_FOUND, settle_conventions
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.loading import load_drive
 from vislam_ros.data.simulation.simulate import (
-    SimulatedLandmarks,
     SimulationSettings,
     simulate,
 )
+from vislam_ros.data.simulation.simulated_drive import SimulatedLandmarks
 from vislam_ros.data.trajectory import Trajectory, read_tum
 
 #: What the kinds of simulated drives have, but for what each has of its own.

@@ -18,7 +18,7 @@ from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import LONG_DELTA, compare
-from vislam_ros.data.simulation.simulate import SimulatedLandmarks
+from vislam_ros.data.simulation.simulated_drive import SimulatedLandmarks
 from vislam_ros.data.solving import solve
 from vislam_ros.data.sweeps.run import Row
 

@@ -67,6 +67,10 @@ class Prediction:
     twist_covariance: Array
     velocity_known: bool = True
 
+    def __repr__(self) -> str:
+        place = ", ".join(f"{value:.2f}" for value in self.position)
+        return f"<Prediction at {self.stamp * 1e-9:.3f} s: at ({place}) m>"
+
 
 class DeadReckoning:
     """Pose from motion alone. It never takes a correction: it is the ``odom`` frame.

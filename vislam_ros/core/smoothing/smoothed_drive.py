@@ -39,6 +39,9 @@ class SmoothedDrive:
     covariances: Array
     landmarks: LandmarkMap
 
+    def __repr__(self) -> str:
+        return f"<SmoothedDrive: {len(self.stamps)} poses, {len(self.landmarks)} landmarks>"
+
 
 def smoothed_drive(
     tape: Tape, stamps: list[int], keys: Keys, landmarks: LandmarkMap

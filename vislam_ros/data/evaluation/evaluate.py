@@ -25,7 +25,7 @@ from vislam_ros.data.evaluation.relative import (
     stretch_errors,
 )
 from vislam_ros.data.results.reader import read_results
-from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.trajectory import Trajectory, path_length
 from vislam_ros.data.trajectory_files import read_trajectory
 
 Array = NDArray[np.float64]
@@ -109,11 +109,6 @@ def compare(
         nees = normalised_errors(T_reference, T_estimate, covariances[j])
         result.update(consistency_figures(nees))
     return result
-
-
-def path_length(trajectory: Trajectory) -> float:
-    """Length of the path through all positions, metres."""
-    return float(np.sum(np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1)))
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from vislam_ros.data.evaluation.evaluate import path_length
 from vislam_ros.data.results.reader import Results
+from vislam_ros.data.trajectory import path_length
 
 ESTIMATE = "#c1272d"
 SMOOTHED = "#0b7a75"

@@ -13,9 +13,9 @@ import yaml
 
 from vislam_ros import __version__
 from vislam_ros.core.filters.quantities import OF_EVERY_STEP, OF_ROBOCENTRIC
-from vislam_ros.data.evaluation.evaluate import path_length
 from vislam_ros.data.results.estimate_rows import estimate_rows
 from vislam_ros.data.results.reader import Results
+from vislam_ros.data.trajectory import path_length
 
 #: An entry of what ``vislam inspect --json`` lists as ``findings``.
 Findings = Sequence[Mapping[str, Any]]

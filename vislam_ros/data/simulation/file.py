@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from vislam_ros.data.datasets.sparse_features import ABSENT
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.files.whole_file import refuse_existing, replace_files
-from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA, SimulatedDrive
+from vislam_ros.data.simulation.simulate import BASELINE, INTRINSICS, T_BODY_CAMERA
+from vislam_ros.data.simulation.simulated_drive import SimulatedDrive
 from vislam_ros.data.trajectory import tum_text
 from vislam_ros.errors import VislamError
 

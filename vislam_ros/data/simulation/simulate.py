@@ -22,6 +22,7 @@ from vislam_ros.core.ranges import LARGEST_PIXEL
 from vislam_ros.core.settings import LARGEST_RATE, LARGEST_WHOLE, MOST_FRAMES, changed, setting
 from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.simulation.motion import drive_poses, in_first_pose
+from vislam_ros.data.simulation.simulated_drive import SimulatedDrive, SimulatedLandmarks
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory, moving_steps, nanoseconds
 from vislam_ros.errors import VislamError
 
@@ -95,53 +96,6 @@ class SimulationSettings:
         maximum=0.5,
     )
     seed: int = setting(0, "Seed of everything random", minimum=0, maximum=LARGEST_WHOLE)
-
-
-@dataclass(frozen=True)
-class SimulatedLandmarks:
-    """The physical points behind the tracks, by (id, generation).
-
-    Attributes
-    ----------
-    ids : ndarray of uint32, (P,)
-    generations : ndarray of uint32, (P,)
-        Counts the points that an id stands for, from 0.
-    positions : ndarray, (P, 3)
-        World, metres; of a sliding one where it was first seen.
-    sliding : ndarray of bool, (P,)
-    """
-
-    ids: NDArray[np.uint32]
-    generations: NDArray[np.uint32]
-    positions: Array
-    sliding: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class SimulatedDrive:
-    """A drive and the truth about it.
-
-    Attributes
-    ----------
-    drive : Drive
-        What :func:`vislam_ros.data.datasets.npz.read` reads from the written file.
-    seconds : ndarray, (T,)
-        Time stamps as a dataset holds them, UNIX seconds.
-    T_world_body : ndarray, (T, 4, 4)
-        True poses.
-    true_twists : ndarray, (T, 6)
-        Twists without noise and bias.
-    frozen : ndarray of bool, (T,)
-        Steps at which old tracks repeat their pixels.
-    landmarks : SimulatedLandmarks
-    """
-
-    drive: Drive
-    seconds: Array
-    T_world_body: Array
-    true_twists: Array
-    frozen: NDArray[np.bool_]
-    landmarks: SimulatedLandmarks
 
 
 def simulate(
