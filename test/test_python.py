@@ -4,10 +4,16 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import vislam_ros as vi
+from vislam_ros.data.simulation.file import write_simulated
+from vislam_ros.data.trajectory import write_tum
 
 NAMES = {
     "load_drive",
@@ -73,3 +79,79 @@ def test_the_first_lines_of_the_documentation_run() -> None:
     evaluation = vi.evaluate(solution.trajectory, drive.ground_truth)
     assert evaluation.ate.rmse < 0.3
     assert vi.evaluate(solution.smoothed, drive.ground_truth).nees_per_dof is not None
+
+
+def test_paths_do_where_drives_and_trajectories_do(tmp_path: Path) -> None:
+    simulated = vi.simulate(steps=30, landmarks=150)
+    write_simulated(tmp_path / "drive.npz", simulated)
+    assert simulated.drive.ground_truth is not None
+    write_tum(tmp_path / "truth.tum", simulated.drive.ground_truth)
+    for path in (tmp_path / "drive.npz", str(tmp_path / "drive.npz")):
+        np.testing.assert_array_equal(
+            vi.solve(path).trajectory.positions, vi.solve(simulated.drive).trajectory.positions
+        )
+    along = vi.simulate(steps=20, landmarks=60, along=str(tmp_path / "truth.tum")).drive
+    assert along.feature_stamps.tolist() == simulated.drive.feature_stamps[:20].tolist()
+
+
+API: Any = vi  # who calls it looks at no types
+SIMULATED: Any = vi.simulate(steps=5, landmarks=20)
+DRIVE = SIMULATED.drive
+FRAME: dict[str, Any] = {
+    "stamps": [0.0],
+    "ids": [[7]],
+    "pixels": [[[650, 200, 640, 200]]],
+    "twists": np.zeros((1, 6)),
+    "camera": DRIVE.camera,
+}
+WRONG: dict[str, tuple[Callable[..., Any], str]] = {
+    "solve of a simulation": (lambda: API.solve(SIMULATED), "drive is of type SimulatedDrive"),
+    "solve of a list": (lambda: API.solve([DRIVE]), "drive is of type list"),
+    "settings": (lambda: API.solve(DRIVE, "joint"), 'or each by name, as estimator="joint"'),
+    "prediction settings": (
+        lambda: API.solve(DRIVE, None, {"time_jump": 2.0}),
+        "prediction_settings is of type dict: give PredictionSettings",
+    ),
+    "a map's file": (lambda: API.solve(DRIVE, given_map="map.npz"), "given_map is of type str"),
+    "positions": (
+        lambda: API.evaluate(DRIVE.ground_truth.positions, DRIVE.ground_truth),
+        "estimate is of type ndarray: give a Trajectory",
+    ),
+    "no reference": (
+        lambda: API.evaluate(DRIVE.ground_truth, None),
+        "reference is of type NoneType: give a Trajectory",
+    ),
+    "a drive to load": (lambda: API.load_drive(DRIVE), "path is of type Drive: give the path"),
+    "an open file": (lambda: API.read_tum(0), "path is of type int: give the path of a file"),
+    "steps": (lambda: API.simulate(600), "settings is of type int: give each by name, as steps"),
+    "along positions": (lambda: API.simulate(along=[1.0]), "along is of type list"),
+    "a matrix": (lambda: API.Slam().set_camera(np.eye(3)), "camera is of type ndarray: give one"),
+    "settings of a session": (lambda: API.Slam({"seed": 1}), "settings are of type dict"),
+    "tracks' camera": (
+        lambda: API.Drive.from_tracks(**{**FRAME, "camera": np.eye(3)}),
+        "camera is of type ndarray: give one of StereoCamera.from_matrices",
+    ),
+    "tracks' ids": (
+        lambda: API.Drive.from_tracks(**{**FRAME, "ids": 7}),
+        "ids is of type int: give a list with an array for each frame",
+    ),
+    "tracks' pixels": (
+        lambda: API.Drive.from_tracks(**{**FRAME, "pixels": [["many"]]}),
+        "frame 0: pixels: are no array of numbers",
+    ),
+    "tracks' twists": (
+        lambda: API.Drive.from_tracks(**{**FRAME, "twists": "none"}),
+        "twists: are no array of numbers",
+    ),
+    "a format's name": (lambda: API.register_dataset("csv_tracks"), "has matches"),
+    "an estimator's": (lambda: API.register_estimator("mine", "Mine", None), "no subclass"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_of_a_wrong_type_is_told_in_a_line_with_what_to_give(case: str) -> None:
+    call, words = WRONG[case]
+    with pytest.raises(vi.VislamError) as error:
+        call()
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)

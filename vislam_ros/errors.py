@@ -2,7 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors that a user can mend: one line that names the file, the field, the value and the cure."""
 
+import os
+from typing import TypeVar
+
 _LONGEST_LINE = 1000
+
+T = TypeVar("T")
 
 
 class VislamError(Exception):
@@ -15,6 +20,18 @@ class SettingsError(VislamError, ValueError):
 
 class OutputError(VislamError):
     """A file cannot be written, now or later: nothing that goes on can mend it."""
+
+
+def of_type(what: str, value: T, kind: type | tuple[type, ...], wanted: str) -> T:
+    """Give an argument back, or raise a VislamError that says what is wanted in its place."""
+    if not isinstance(value, kind):
+        raise VislamError(f"{what} is of type {type(value).__name__}: give {wanted}")
+    return value
+
+
+def path_like(what: str, value: T) -> T:
+    """Give the path of a file back, or raise a VislamError where it is none."""
+    return of_type(what, value, (str, os.PathLike), "the path of a file, as text or Path")
 
 
 def one_line(text: str) -> str:

@@ -39,7 +39,7 @@ from vislam_ros.core.tracking.time_order import Passes
 from vislam_ros.core.tracking.tracks import Tracks
 from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.core.verdict.verdict import Verdict
-from vislam_ros.errors import SettingsError
+from vislam_ros.errors import SettingsError, of_type
 
 Array = NDArray[np.float64]
 
@@ -182,9 +182,9 @@ class Slam:
         Returns
         -------
         list of SlamStep
-            The steps that became ready.
         """
-        self._camera, self._rectification = camera, rectification
+        self._camera = of_type("camera", camera, StereoCamera, "one of StereoCamera.from_matrices")
+        self._rectification = rectification
         return self._advance()
 
     def add_prediction(

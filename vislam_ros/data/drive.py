@@ -19,7 +19,7 @@ from vislam_ros.data.trajectory import (
     nanoseconds,
     path_length,
 )
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import VislamError, of_type
 
 # A sensor's samples are as far apart as this, and those of whoever took the unit wrong are not: at
 # 10 Hz milliseconds are a hundred seconds apart, or a hundred nanoseconds [ns].
@@ -136,11 +136,12 @@ class Drive:
         VislamError
             Naming the argument, the frame and what is wrong with it.
         """
+        of_type("camera", camera, StereoCamera, "one of StereoCamera.from_matrices")
         feature_stamps = _stamps("stamps", stamps)
         motion_stamps = feature_stamps
         if twist_stamps is not None:
             motion_stamps = _stamps("twist_stamps", twist_stamps)
-        motion = np.asarray(twists, dtype=float)
+        motion = _numbers("twists", twists)
         if motion.shape != (len(motion_stamps), 6):
             raise VislamError(
                 f"twists: have shape {motion.shape}, not ({len(motion_stamps)}, 6), one for each "
@@ -153,6 +154,7 @@ class Drive:
         VELOCITY.require(np.nan_to_num(motion[:, :3]), "twists")
         TURN_RATE.require(motion[:, 3:], "twists")
         for what, frames in (("ids", ids), ("pixels", pixels)):
+            of_type(what, frames, (Sequence, np.ndarray), "a list with an array for each frame")
             if len(frames) != len(feature_stamps):
                 raise VislamError(f"{what}: {len(frames)} frames for {len(feature_stamps)} stamps")
         seen = [_frame(k, *frame) for k, frame in enumerate(zip(ids, pixels, strict=True))]
@@ -258,6 +260,13 @@ def image_size_that_holds(pixels: NDArray[np.float32]) -> tuple[int, int]:
     return max(int(np.floor(u)) + 1, 1), max(int(np.floor(v)) + 1, 1)
 
 
+def _numbers(what: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise VislamError(f"{what}: are no array of numbers: {error}") from error
+
+
 def _stamps(what: str, stamps: ArrayLike) -> NDArray[np.int64]:
     """Nanoseconds (n,) of stamps in seconds, which are floats, or in nanoseconds, integers."""
     given = np.asarray(stamps)
@@ -286,7 +295,7 @@ def _frame(
 ) -> tuple[NDArray[np.uint32], NDArray[np.float32]]:
     """Ids (n,), in order, and pixels (n, 4) of frame ``k``."""
     given = np.asarray(ids)
-    seen = np.asarray(pixels, dtype=np.float32)
+    seen = _numbers(f"frame {k}: pixels", pixels).astype(np.float32)
     if given.size == seen.size == 0:
         return np.empty(0, dtype=np.uint32), np.empty((0, 4), dtype=np.float32)
     if given.ndim != 1 or given.dtype.kind not in "iu" or seen.shape != (len(given), 4):

@@ -14,7 +14,7 @@ from vislam_ros.data.datasets.formats import format_of, read_dataset
 from vislam_ros.data.datasets.sparse_features import Progress
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.image_sources import holds_images, read_images
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import VislamError, path_like
 from vislam_ros.frontend.settings import TrackerSettings
 
 
@@ -52,7 +52,7 @@ def load_passes(
     VislamError
         Where the path is neither, is damaged or cannot be read.
     """
-    path = Path(path)
+    path = Path(path_like("path", path))
     of_bag = is_bag(path)
     if of_bag:
         require_intact(path)

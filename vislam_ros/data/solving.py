@@ -5,6 +5,7 @@
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,11 @@ from vislam_ros.core.step import KINDS, Row, SlamStep
 from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.drive import Drive
+from vislam_ros.data.loading import load_drive
 from vislam_ros.data.results.completeness import shortfall
 from vislam_ros.data.results.summary import RunSummary, peak_rss_mb
 from vislam_ros.data.trajectory import Trajectory, extent
+from vislam_ros.errors import of_type
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,7 @@ def feed(
 
 
 def solve(
-    drive: Drive,
+    drive: Drive | Path | str,
     slam_settings: SlamSettings | None = None,
     prediction_settings: PredictionSettings | None = None,
     *,
@@ -135,7 +138,8 @@ def solve(
 
     Parameters
     ----------
-    drive : Drive
+    drive : Drive, Path or str
+        A path is read as :func:`~vislam_ros.data.loading.load_drive` does.
     slam_settings, prediction_settings : SlamSettings, PredictionSettings, optional
     given_map : LandmarkMap, optional
         The map of an estimator that needs one, such as ``localization``.
@@ -154,14 +158,21 @@ def solve(
         Where there is no such setting or estimator, the estimator needs a map and none is given,
         or it cannot be smoothed and should be.
     VislamError
-        Where the drive does not have the motion that is asked for.
+        Where the drive cannot be read, or does not have the motion that is asked for, or an
+        argument is of a wrong type.
     """
+    if isinstance(drive, (str, Path)):
+        drive = load_drive(drive)
+    of_type("drive", drive, Drive, "a Drive (of load_drive, simulate(...).drive) or its path")
+    if given_map is not None:
+        of_type("given_map", given_map, LandmarkMap, "a LandmarkMap, as a solution's landmarks")
     settings = completed(slam_settings or SlamSettings())
     if values:
         if note := unused_note({"estimator": settings.estimator, **values}):
             warnings.warn(note, stacklevel=2)
         settings = replaced(settings, **values)
     prediction_settings = prediction_settings or PredictionSettings()
+    of_type("prediction_settings", prediction_settings, PredictionSettings, "PredictionSettings")
     drive = drive.moved_by(motion_source or prediction_settings.motion_source)
     reckoning = DeadReckoning(prediction_settings)
     slam = Slam(settings, given_map, record=smooth)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.ranges import LARGEST_POSITION
 from vislam_ros.data.files.inputs import read_lines
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import VislamError, path_like
 
 NANOSECONDS = 1_000_000_000
 
@@ -153,7 +153,7 @@ def read_tum(path: Path | str) -> Trajectory:
         Where the file is missing, is empty, has a line without eight finite numbers, or its
         stamps do not increase.
     """
-    path = Path(path)
+    path = Path(path_like("path", path))
     return parse_tum(((n, line) for n, line, _ in read_lines(path, "this trajectory")), path)
 
 

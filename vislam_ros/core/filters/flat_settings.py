@@ -71,8 +71,13 @@ def completed(settings: SlamSettings) -> SlamSettings:
     Raises
     ------
     SettingsError
-        Where they are another estimator's.
+        Where they are another estimator's, or none.
     """
+    if not isinstance(settings, SlamSettings):
+        raise SettingsError(
+            f"settings are of type {type(settings).__name__}: give SlamSettings or an estimator's "
+            'own, or each by name, as estimator="joint"'
+        )
     wanted = estimator_named(settings.estimator).settings
     if isinstance(settings, wanted):
         return settings

@@ -27,6 +27,7 @@ from vislam_ros.data.evaluation.relative import (
 from vislam_ros.data.results.reader import read_results
 from vislam_ros.data.trajectory import Trajectory, path_length
 from vislam_ros.data.trajectory_files import read_trajectory
+from vislam_ros.errors import of_type
 
 Array = NDArray[np.float64]
 
@@ -190,12 +191,10 @@ def evaluate(
     Raises
     ------
     VislamError
-        Where a file cannot be read, or the two have fewer than two stamps in common.
+        Where a file cannot be read, the two have fewer than two stamps in common, or one is
+        neither.
     """
-    estimate, reference = (
-        each if isinstance(each, Trajectory) else read_trajectory(each)
-        for each in (estimate, reference)
-    )
+    estimate, reference = _trajectory("estimate", estimate), _trajectory("reference", reference)
     figures = compare(
         reference,
         estimate,
@@ -224,6 +223,13 @@ def evaluate(
         alignment_ambiguity=figures["alignment_ambiguity"],
         scale=figures["scale"],
     )
+
+
+def _trajectory(what: str, given: Trajectory | Path | str) -> Trajectory:
+    if isinstance(given, Trajectory):
+        return given
+    wanted = "a Trajectory, as a solution's trajectory or smoothed, or the path of its file"
+    return read_trajectory(of_type(what, given, (str, Path), wanted))
 
 
 def evaluate_results(

@@ -11,6 +11,7 @@ is about as far away there as it was a step before.
 """
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,8 @@ from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.simulation.motion import drive_poses, in_first_pose
 from vislam_ros.data.simulation.simulated_drive import SimulatedDrive, SimulatedLandmarks
 from vislam_ros.data.trajectory import NANOSECONDS, Trajectory, moving_steps, nanoseconds
-from vislam_ros.errors import VislamError
+from vislam_ros.data.trajectory_files import read_trajectory
+from vislam_ros.errors import VislamError, of_type
 
 Array = NDArray[np.float64]
 
@@ -99,16 +101,18 @@ class SimulationSettings:
 
 
 def simulate(
-    settings: SimulationSettings | None = None, along: Trajectory | None = None, **values: Any
+    settings: SimulationSettings | None = None,
+    along: Trajectory | Path | str | None = None,
+    **values: Any,
 ) -> SimulatedDrive:
     """Simulate a drive; equal settings give equal drives, to the last bit.
 
     Parameters
     ----------
     settings : SimulationSettings, optional
-    along : Trajectory, optional
-        A recorded motion of a body like KITTI's, whose first poses and stamps are taken in place
-        of the simulated car's.
+    along : Trajectory, Path or str, optional
+        A recorded motion, or its file, of a body like KITTI's, whose first poses and stamps are
+        taken in place of the simulated car's.
     **values
         Settings by name that are put over these, such as ``steps=300``.
 
@@ -116,9 +120,13 @@ def simulate(
     ------
     VislamError
         Where a setting is out of its range, or ``along`` has fewer poses than there are to be
-        steps.
+        steps; where one is of a wrong type.
     """
-    settings = changed(settings or SimulationSettings(), **values)
+    settings = settings or SimulationSettings()
+    of_type("settings", settings, SimulationSettings, "each by name, as steps=300")
+    settings = changed(settings, **values)
+    if isinstance(along, (str, Path)):
+        along = read_trajectory(along)
     motion_rng, twist_rng, schedule_rng, track_rng, offset_rng = map(
         np.random.default_rng, np.random.SeedSequence(settings.seed).spawn(5)
     )
@@ -126,6 +134,7 @@ def simulate(
         seconds: Array = _FIRST_SECOND + _PERIOD * np.arange(settings.steps, dtype=np.float64)
         T_world_body = drive_poses(settings.steps, _PERIOD, motion_rng)
     else:
+        of_type("along", along, Trajectory, "a Trajectory or the path of its file")
         seconds, T_world_body = _recorded(along, settings.steps)
     stamps = nanoseconds(seconds)
     tau = np.diff(stamps) / NANOSECONDS
