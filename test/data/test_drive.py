@@ -106,6 +106,16 @@ def test_stamps_in_another_unit_are_told(stamps: Any, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("number", [8, 11], ids=["of a velocity", "of an angular velocity"])
+def test_a_twist_with_a_nan_is_left_out_with_a_note(number: int) -> None:
+    drive = drive_of(twists=np.where(number == TWISTS, np.nan, TWISTS))
+    np.testing.assert_array_equal(drive.twists, TWISTS[[0, 2]])
+    assert drive.twist_stamps.tolist() == [10_000_000_000, 10_200_000_000]
+    assert drive.notes == (
+        "Left out 1 of 3 samples of motion with a NaN, the first at 10.100000000 s.",
+    )
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -122,7 +132,8 @@ def test_stamps_in_another_unit_are_told(stamps: Any, message: str) -> None:
             "frame 2: a pixel of track 7 is not finite",
         ),
         ({"twists": TWISTS[:2]}, r"twists: have shape \(2, 6\), not \(3, 6\)"),
-        ({"twists": np.where(TWISTS == 8, np.nan, TWISTS)}, r"twists\[1\]: .* is not finite"),
+        ({"twists": np.where(TWISTS == 8, np.inf, TWISTS)}, "twists: a velocity of inf m/s"),
+        ({"twists": np.where(TWISTS % 6 == 5, np.nan, TWISTS)}, "3 of 3 angular velocities are"),
         ({"twist_stamps": [10.0, 10.1]}, r"twists: have shape \(3, 6\), not \(2, 6\)"),
         ({"twist_stamps": [0, 1, 2]}, "twist_stamps: are 1 nanoseconds apart"),
     ],

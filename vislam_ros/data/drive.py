@@ -12,12 +12,14 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.ranges import GAP, PIXEL, TURN_RATE, VELOCITY
 from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.data.finding import Finding
+from vislam_ros.data.missing_motion import missing_samples
 from vislam_ros.data.trajectory import (
     LATEST_SECOND,
     NANOSECONDS,
     Trajectory,
     nanoseconds,
     path_length,
+    stamp_text,
 )
 from vislam_ros.errors import VislamError, of_type
 
@@ -122,7 +124,8 @@ class Drive:
         twists : array_like, (T, 6), or (N, 6) with ``twist_stamps``
             ``[v; omega]`` of the body, metres and radians a second. The twist of a stamp holds
             over the time that ends there: row ``k`` for the step from frame ``k - 1`` to ``k``.
-            Velocities that are NaN, all of them, are not measured: a gyroscope is enough.
+            Velocities that are NaN, all of them, are not measured: a gyroscope is enough. Other
+            rows with a NaN are left out.
         camera : StereoCamera
         twist_stamps : array_like, (N,), optional
             As ``stamps``, where twists have stamps of their own.
@@ -147,12 +150,9 @@ class Drive:
                 f"twists: have shape {motion.shape}, not ({len(motion_stamps)}, 6), one for each "
                 "of their stamps"
             )
-        measured = motion[:, 3:] if np.isnan(motion[:, :3]).all() else motion
-        if not np.all(np.isfinite(measured)):
-            k = int(np.argmin(np.isfinite(measured).all(axis=1)))
-            raise VislamError(f"twists[{k}]: {motion[k].tolist()} is not finite")
-        VELOCITY.require(np.nan_to_num(motion[:, :3]), "twists")
-        TURN_RATE.require(motion[:, 3:], "twists")
+        missing = missing_samples(motion, "twists")
+        VELOCITY.require(np.nan_to_num(motion[:, :3], posinf=np.inf, neginf=-np.inf), "twists")
+        TURN_RATE.require(motion[~missing, 3:], "twists")
         for what, frames in (("ids", ids), ("pixels", pixels)):
             of_type(what, frames, (Sequence, np.ndarray), "a list with an array for each frame")
             if len(frames) != len(feature_stamps):
@@ -172,11 +172,29 @@ class Drive:
             pixels=all_pixels,
             noise=stated,
             ground_truth=ground_truth,
-        )
+        ).without_samples(missing)
 
     def with_finding(self, finding: Finding) -> "Drive":
         """Drive with one more finding, and its note."""
         return replace(self, findings=(*self.findings, finding), notes=(*self.notes, finding.note))
+
+    def without_samples(self, missing: NDArray[np.bool_]) -> "Drive":
+        """Drive without those (N,) of its samples of motion that hold a NaN, and a note on it."""
+        if not missing.any():
+            return self
+        first = stamp_text(int(self.twist_stamps[np.argmax(missing)]))
+        forces = self.accelerations
+        note = (
+            f"Left out {int(missing.sum())} of {len(missing)} samples of motion with a NaN, the "
+            f"first at {first} s."
+        )
+        return replace(
+            self,
+            twist_stamps=self.twist_stamps[~missing],
+            twists=self.twists[~missing],
+            accelerations=None if forces is None else forces[~missing],
+            notes=(*self.notes, note),
+        )
 
     @property
     def measures_velocity(self) -> bool:

@@ -167,6 +167,12 @@ def _dataset_motion(path: Path, conventions: Conventions) -> GivenMotion:
     given = GivenMotion.of_drive(drive, str(path), rectification)
     if has_features:
         return given
+    if len(drive.twists) < drive.steps:
+        raise VislamError(
+            f"{path}: {drive.steps - len(drive.twists)} of its {drive.steps} samples of motion "
+            "have a NaN, and images tell its axes by one for each of them: fill these in, or "
+            "leave their rows out"
+        )
     notes = tuple(note for note in given.notes if note != npz.NO_FEATURES)
     return replace(given, unsettled=conventions, notes=notes)
 

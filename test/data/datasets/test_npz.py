@@ -212,6 +212,14 @@ WRONG = {
         {"linear_velocity": with_value(np.zeros((3, T)), (1, 2), np.inf)},
         r"linear_velocity\[1, 2\] is inf",
     ),
+    "velocities that are missing": (
+        {"linear_velocity": with_value(np.zeros((3, T)), (0, [0, 1, 3]), np.nan)},
+        "3 of 5 velocities are NaN, more than are not: leave all of them out",
+    ),
+    "angular velocities that are missing": (
+        {"angular_velocity": np.full((3, T), np.nan)},
+        "5 of 5 angular velocities are NaN, more than are not",
+    ),
     "stamps inf": (
         {"time_stamps": with_value(dataset()["time_stamps"], (0, 1), np.inf)},
         r"time_stamps\[0, 1\] is inf",
@@ -379,13 +387,10 @@ def test_the_largest_drive_takes_a_fraction_of_the_memory_of_its_dense_array(sha
     assert peak - before < dense / 8
 
 
-def with_a_gap():
-    velocity = dataset()["linear_velocity"].copy()
-    velocity[1, 2] = np.nan
-    return velocity
+NO_VELOCITY = np.full((3, T), np.nan)
 
 
-@pytest.mark.parametrize("velocity", [None, with_a_gap()], ids=["missing", "NaN"])
+@pytest.mark.parametrize("velocity", [None, NO_VELOCITY], ids=["missing", "NaN"])
 def test_without_velocities_the_gyroscope_alone_tells_the_motion(tmp_path, reference, velocity):
     drive = load(save(tmp_path / "drive.npz", changed(linear_velocity=velocity)))
     assert not drive.measures_velocity

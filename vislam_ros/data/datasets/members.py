@@ -11,11 +11,14 @@ from vislam_ros.data.datasets.arrays.array_stream import Arrays
 from vislam_ros.errors import VislamError
 
 
-def finite(path: Path, arrays: Arrays, key: str) -> NDArray[np.float64]:
+def finite(
+    path: Path, arrays: Arrays, key: str, *, may_be_nan: bool = False
+) -> NDArray[np.float64]:
     """Read a whole member; raises a VislamError that names the first value that is not finite."""
     values = arrays[key]().array()
-    if not np.all(np.isfinite(values)):
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(values))[0])
+    right = np.isfinite(values) | (may_be_nan & np.isnan(values))
+    if not np.all(right):
+        index = tuple(int(i) for i in np.argwhere(~right)[0])
         raise VislamError(
             f"{path}: {key}{list(index)} is {values[index]}: every value must be finite"
         )

@@ -8,7 +8,7 @@ The format (M tracks, T steps), in every spelling in use; velocities may be tran
                          in another order where the lengths leave no doubt; may be missing
     time_stamps, timestamps (T,)                           UNIX seconds
     linear_velocity, v_t (3, T)                            metres a second, in the IMU's axes;
-                                                           missing or NaN: a gyroscope alone
+                                                           missing or all NaN: a gyroscope alone
     angular_velocity, rotational_velocity, w_t (3, T)      radians a second, in the IMU's axes
     K, K_l (3, 3)                                          intrinsics; K_r where they differ
     b, baseline                                            metres; or extL_T_imu and extR_T_imu
@@ -42,6 +42,7 @@ from vislam_ros.data.datasets.sparse_features import (
 )
 from vislam_ros.data.drive import Drive, image_size_that_holds
 from vislam_ros.data.finding import Finding
+from vislam_ros.data.missing_motion import filled, missing_samples
 from vislam_ros.data.trajectory import LATEST_SECOND, NANOSECONDS, Trajectory, nanoseconds
 from vislam_ros.errors import VislamError
 
@@ -50,6 +51,7 @@ Array = NDArray[np.float64]
 FEATURES = "features"
 NO_FEATURES = "There are no features: what is left is dead reckoning."
 LINEAR_VELOCITY = ("linear_velocity", "v_t")
+ALL_NAN = "All velocities are NaN: the gyroscope alone tells the motion."
 NO_VELOCITY = "There are no velocities: the gyroscope alone tells the motion."
 SPELLINGS = {
     "time stamps": ("time_stamps", "timestamps"),
@@ -115,9 +117,9 @@ def read_with_rectification(
         stamps, late = _stamps(path, arrays, keys["time stamps"], mending)
         velocity, notes = _linear_velocity(path, arrays, len(stamps))
         omega = keys["angular velocity"]
-        angular_velocity = _velocity(
-            path, omega, finite(path, arrays, omega), len(stamps), TURN_RATE
-        )
+        angular_velocity = _velocity(path, arrays, omega, len(stamps), TURN_RATE)
+        twists = np.column_stack([velocity, angular_velocity])
+        missing = missing_samples(twists, str(path))
         readings = read_pairs(path, arrays, keys, conventions.extrinsics)
         truth = _ground_truth(path, arrays, stamps) if GROUND_TRUTH in arrays else None
         known = {*keys.values(), *LINEAR_VELOCITY, FEATURES, *_COMPANIONS}
@@ -140,7 +142,7 @@ def read_with_rectification(
             camera=mending.camera(pair.camera),
             image_size=image_size_that_holds(seen.pixels),
             twist_stamps=stamps,
-            twists=np.column_stack([velocity, angular_velocity]),
+            twists=filled(twists, missing),  # until its conventions are settled
             feature_stamps=stamps,
             offsets=seen.offsets,
             ids=seen.ids,
@@ -174,7 +176,10 @@ def read_with_rectification(
         drive = drive.with_finding(off)
     if late is not None:
         drive = drive.with_finding(late)
-    return settle_conventions(drive, conventions), pairs[chosen].rectification
+    drive = settle_conventions(drive, conventions)
+    if any(each.name == "twist_index" for each in drive.findings):
+        missing = np.concatenate([missing[:1], missing[:-1]])
+    return drive.without_samples(missing), pairs[chosen].rectification
 
 
 def _find_key(path: Path, arrays: Arrays, what: str) -> str:
@@ -218,24 +223,18 @@ def _stamps(
 
 
 def _linear_velocity(path: Path, arrays: Arrays, steps: int) -> tuple[Array, list[str]]:
-    """Read the velocity (T, 3), NaN where the file has none, and notes."""
-    keys = [key for key in LINEAR_VELOCITY if key in arrays]
-    if not keys:
+    """Read the velocity (T, 3), NaN where it was not measured, and notes."""
+    key = next((key for key in LINEAR_VELOCITY if key in arrays), None)
+    if key is None:
         return np.full((steps, 3), np.nan), [NO_VELOCITY]
-    values = arrays[keys[0]]().array()
-    unknown = np.isnan(values)
-    if not unknown.any():
-        return _velocity(path, keys[0], finite(path, arrays, keys[0]), steps, VELOCITY), []
-    _velocity(path, keys[0], np.nan_to_num(values, nan=0.0, posinf=np.inf), steps, VELOCITY)
-    return np.full((steps, 3), np.nan), [
-        f"{int(unknown.sum())} of {unknown.size} velocities are NaN: the gyroscope alone tells "
-        "the motion."
-    ]
+    values = _velocity(path, arrays, key, steps, VELOCITY)
+    return values, [ALL_NAN] if np.isnan(values).all() else []
 
 
-def _velocity(path: Path, key: str, values: Array, steps: int, meant: Range) -> Array:
-    """Check a velocity (T, 3) that is stored as (3, T) or, unless T is 3 too, as (T, 3)."""
-    meant.require(values, f"{path}: {key}")
+def _velocity(path: Path, arrays: Arrays, key: str, steps: int, meant: Range) -> Array:
+    """Read a velocity (T, 3) that is stored as (3, T) or, unless T is 3 too, as (T, 3)."""
+    values = finite(path, arrays, key, may_be_nan=True)
+    meant.require(values[~np.isnan(values)], f"{path}: {key}")
     if values.shape == (3, steps):
         return values.T
     if values.shape == (steps, 3):
