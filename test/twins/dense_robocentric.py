@@ -241,7 +241,7 @@ class DenseRobocentricFilter(DenseState):
 
     def innovations(
         self, keys: list[int], pixels: Array, factors: Array
-    ) -> tuple[Array, Array, Array, Array, list[int]]:
+    ) -> tuple[NDArray[np.int64], Array, Array, Array, list[int]]:
         """Rows, residuals, variances and joint covariance of what is seen, and which agree."""
         noise = self.track_noise
         rows = self.rows_of([self.place_of_key[key] for key in keys])
