@@ -75,6 +75,11 @@ class Trajectory:
             se3.quaternion_from_rotation(T_world_body[:, :3, :3]),
         )
 
+    def between(self, rows: NDArray[np.int64]) -> "Trajectory":
+        """Return all poses from the first to the last of some rows, without covariances."""
+        part = slice(int(np.min(rows)), int(np.max(rows)) + 1)
+        return Trajectory(self.stamps[part], self.positions[part], self.quaternions[part])
+
 
 def path_length(trajectory: Trajectory) -> float:
     """Length of the path through all positions, metres."""

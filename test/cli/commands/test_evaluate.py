@@ -160,3 +160,18 @@ def test_a_reference_in_nanoseconds_is_driven_along(tmp_path: Path) -> None:
     assert main(["simulate", str(drive), *words]) == 0
     assert len(read_tum(drive.with_suffix(".tum"))) == 20
     assert main(["evaluate", str(drive.with_suffix(".tum")), "--reference", str(case)]) == 0
+
+
+def test_the_length_is_that_of_the_part_that_is_compared(tmp_path: Path, capsys: Any) -> None:
+    stamps = 100_000_000 * np.arange(101)
+    positions = np.column_stack([np.arange(101.0), np.sin(np.arange(101.0) / 9), np.zeros(101)])
+    whole = Trajectory(stamps, positions, np.tile([0.0, 0, 0, 1], (101, 1)))
+    write_tum(tmp_path / "whole.tum", whole)
+    words = ["--reference", tmp_path / "whole.tum"]
+    for end, length in ((30, "30.1 m of its 100 m compared"), (98, "98"), (99, "100 m, not")):
+        write_tum(tmp_path / "part.tum", whole.between(np.array([0, end])))
+        first = evaluate(capsys, tmp_path / "part.tum", *words, "--align", "none").splitlines()[0]
+        assert f"whole.tum, {length}" in first
+    figures = json.loads(evaluate(capsys, tmp_path / "part.tum", *words, "--json"))
+    compared = figures["trajectory"]["compared_m"]
+    assert 0.99 * figures["reference_length_m"] < compared < figures["reference_length_m"]

@@ -1,5 +1,7 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,15 @@ def test_the_estimate_and_its_map_stay_and_the_reference_comes(
     np.testing.assert_allclose(reference.positions, round_drive.positions, atol=1e-9)
     np.testing.assert_allclose(dead_reckoning.positions[0], [0.0, 0.0, 0.0], atol=1e-9)
     assert laid.get("smoothed") is None
+
+
+def test_of_a_longer_reference_the_part_that_is_compared_is_laid(
+    round_results: Results, round_drive: Trajectory
+) -> None:
+    part = round_drive.between(np.array([0, 20]))
+    laid = laid_paths(replace(round_results, trajectory=part, dead_reckoning=None), round_drive)
+    np.testing.assert_array_equal(laid.paths[-1].stamps, part.stamps)
+    assert laid.laying.endswith("; 40.0 m of its 118 m")
 
 
 def test_an_unknown_laying_is_refused(round_results: Results, moved_round: Trajectory) -> None:

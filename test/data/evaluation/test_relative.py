@@ -84,8 +84,22 @@ def test_the_reference_has_no_error_wherever_it_stands(steps: int) -> None:
     assert_allclose(stretches.radians, 0.0, atol=1e-7)
 
 
-def test_a_reference_that_stands_has_no_stretch() -> None:
+@pytest.mark.parametrize("noise", [0.0, 0.001])
+def test_a_reference_that_stands_has_no_stretch(noise: float) -> None:
     standing = np.tile(np.eye(4), (30, 1, 1))
+    standing[:, :3, 3] += noise * np.random.default_rng(2).standard_normal((30, 3))
     stretches = stretch_errors(standing, path(30).T_world_body)
     assert stretches.figures() is None
     assert stretches.by_length() == []
+
+
+@pytest.mark.parametrize(("reach", "has_stretches"), [(0.099, False), (0.101, True)])
+def test_a_path_of_more_than_a_tenth_of_a_metre_has_stretches_that_long(
+    reach: float, has_stretches: bool
+) -> None:
+    T = np.tile(np.eye(4), (101, 1, 1))
+    # Back and forth five times: the path is ten times as long as its reach.
+    T[:, 0, 3] = reach * np.abs((np.arange(101) / 10 + 1) % 2 - 1)
+    stretches = stretch_errors(T, T)
+    assert bool(len(stretches.lengths)) == has_stretches
+    assert all(stretches.lengths >= 0.1)

@@ -70,7 +70,7 @@ def test_the_page_holds_path_map_series_and_how_to_do_it_again(
     titles = [chart["layout"]["annotations"][0]["text"] for chart in figures["series"]]
     for word in ("landmarks", "NIS", "step", "position", "error yaw", "NEES", "gyro bias"):
         assert any(word in title for title in titles), word
-    for text in ("robocentric", "chi2_gate: 16.27", "0.00 m", "--reference truth.tum"):
+    for text in ("robocentric", "chi2_gate: 16.27", "0.000 m", "--reference truth.tum"):
         assert text in page
 
 

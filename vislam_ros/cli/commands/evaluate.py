@@ -15,7 +15,7 @@ from rich.text import Text
 from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.lines import answer, tell, tell_next
 from vislam_ros.cli.screen import table_console
-from vislam_ros.data.evaluation.evaluate import evaluate_runs
+from vislam_ros.data.evaluation.evaluate import WHOLE, evaluate_runs, length_words
 from vislam_ros.errors import one_line
 
 _ESTIMATES = {
@@ -60,10 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
         if name in evaluation
     ]
     length = evaluations[0]["reference_length_m"]
+    compared = _compared_words([figures["compared_m"] for *_, figures in rows], length)
     console = table_console()
     answer(
         f"{'' if _has_several(rows) else f'{rows[0][0]} against '}{arguments.reference}, "
-        f"{length:.0f} m, {_ALIGNMENTS[arguments.align]}"
+        f"{compared}, {_ALIGNMENTS[arguments.align]}"
     )
     console.print(_error_table(rows))
     bounds = next((row[2]["nees_bounds"] for row in rows if "nees_bounds" in row[2]), None)
@@ -80,6 +81,15 @@ def run(arguments: argparse.Namespace) -> int:
             tell(f"note: {name}, {label}: {figures['alignment_ambiguity']}")
     _tell_next(arguments)
     return OK
+
+
+def _compared_words(parts: Sequence[float], length: float) -> str:
+    """Length of the reference that is compared, and how much of the reference that is."""
+    whole = length_words(length)
+    if min(parts) >= WHOLE * length:
+        return whole
+    least, most = (length_words(part) for part in (min(parts), max(parts)))
+    return f"{most if least == most else f'{least} to {most}'} of its {whole} compared"
 
 
 def _label(run: str, name: str) -> str:

@@ -31,6 +31,8 @@ from vislam_ros.errors import of_type
 
 Array = NDArray[np.float64]
 
+#: From this share on, what is compared of a reference is all of it.
+WHOLE = 0.99
 #: Length of the longer relative pose error, metres.
 LONG_DELTA = 100.0
 
@@ -70,7 +72,8 @@ def compare(
     Returns
     -------
     dict
-        ``poses`` compared; ``alignment`` and ``alignment_ambiguity``, why another one fits as well
+        ``poses`` compared; ``compared_m``, the reference's path from the first of them to the
+        last; ``alignment`` and ``alignment_ambiguity``, why another one fits as well
         or None; ``scale``, the factor by which the aligned path fits best, which is not applied
         (None where all its poses are at one place); statistics of ``ate_m`` after alignment, of
         ``rpe_frame_m`` and ``rpe_frame_deg`` from frame to frame, of ``rpe_100m_m`` and
@@ -91,6 +94,7 @@ def compare(
     aligned = align_positions(source, reference.positions[i], align)
     result: dict[str, Any] = {
         "poses": len(i),
+        "compared_m": path_length(reference.between(i)),
         "alignment": align,
         "alignment_ambiguity": aligned.ambiguity,
         "scale": best_scale(source, reference.positions[i]),
@@ -110,6 +114,12 @@ def compare(
         nees = normalised_errors(T_reference, T_estimate, covariances[j])
         result.update(consistency_figures(nees))
     return result
+
+
+def length_words(metres: float) -> str:
+    """Return a length in words, with three digits of it, to the millimetre at most."""
+    decimals = 0 if metres >= 99.5 else 1 if metres >= 9.95 else 2 if metres >= 0.995 else 3
+    return f"{metres:.{decimals}f} m"
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from vislam_ros.data.evaluation.alignment import (
     first_pose_alignment,
 )
 from vislam_ros.data.evaluation.association import associate
+from vislam_ros.data.evaluation.evaluate import WHOLE, length_words, path_length
 from vislam_ros.data.results.reader import Results
 from vislam_ros.data.trajectory import Trajectory
 
@@ -84,7 +85,8 @@ def laid_paths(
 ) -> LaidPaths:
     """Bring all paths of a result, and a reference, into its map frame.
 
-    The estimate stays where it is, and so does its map; the reference is carried to it. Each other
+    The estimate stays where it is, and so does its map; the reference is carried to it, from the
+    first pose that is compared to the last. Each other
     path is laid onto the reference by itself, so that the distance between what is drawn is the
     error that is told. With ``none`` nothing moves.
 
@@ -110,10 +112,12 @@ def laid_paths(
     if reference is None:
         return LaidPaths(tuple(LaidPath(name, t.stamps, t.positions) for name, t in own))
     paths = []
+    compared = np.empty(0, dtype=np.int64)
     T_map_reference = np.eye(4)
     ambiguity = None
     for name, trajectory in own:
         i, j = associate(reference, trajectory)
+        compared = np.union1d(compared, i)
         source, target = trajectory.positions[j], reference.positions[i]
         if laying == "first":
             T_reference_path = se3.inverse(first_pose_alignment(reference, trajectory))
@@ -129,9 +133,13 @@ def laid_paths(
             positions = _moved(T_map_reference @ T_reference_path, positions)
         rmse = float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
         paths.append(LaidPath(name, trajectory.stamps, positions, rmse))
-    truth = _moved(T_map_reference, reference.positions)
-    paths.append(LaidPath("reference", reference.stamps, truth))
-    return LaidPaths(tuple(paths), _WORDS[laying], ambiguity)
+    part, words = reference.between(compared), _WORDS[laying]
+    truth = _moved(T_map_reference, part.positions)
+    paths.append(LaidPath("reference", part.stamps, truth))
+    whole, length = path_length(reference), path_length(part)
+    if length < WHOLE * whole:
+        words += f"; {length_words(length)} of its {length_words(whole)}"
+    return LaidPaths(tuple(paths), words, ambiguity)
 
 
 def _moved(T: Array, positions: Array) -> Array:

@@ -17,6 +17,8 @@ _LENGTHS = 50.0 * np.arange(1, 9)
 _EVERY = 10
 # A shorter path has stretches of eighths of its length, metres.
 _SHORT_PATH = 100.0
+# What stays within this reach has no path, and no stretch is shorter, metres: noise would rule it.
+_REACH = 0.1
 
 
 def frame_pairs(poses: int, delta: int = 1) -> Indices:
@@ -113,14 +115,16 @@ def stretch_errors(T_reference: Array, T_estimate: Array) -> StretchErrors:
     Returns
     -------
     StretchErrors
-        Of no stretch where the reference stands still.
+        Of no stretch where the reference stands still, and of none shorter than 0.1 m.
     """
-    steps = np.linalg.norm(np.diff(T_reference[:, :3, 3], axis=0), axis=1)
+    positions = T_reference[:, :3, 3]
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])
     lengths = _LENGTHS if way[-1] >= _SHORT_PATH else way[-1] * np.arange(1, 7) / 8
     begins = np.arange(0, len(way), _EVERY)
     pairs, over = [np.empty((0, 2), dtype=np.int64)], [np.empty(0)]
-    for length in lengths[lengths > 0.0]:
+    stands = float(np.linalg.norm(np.ptp(positions, axis=0))) < _REACH
+    for length in [] if stands else lengths[lengths >= _REACH]:
         ends = np.searchsorted(way, way[begins] + length)
         there = ends < len(way)
         pairs.append(np.stack([begins[there], ends[there]], axis=1))

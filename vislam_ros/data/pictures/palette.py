@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from vislam_ros.data.evaluation.evaluate import length_words
 from vislam_ros.data.results.reader import Results
 from vislam_ros.data.trajectory import path_length
 
@@ -43,7 +44,7 @@ def layout() -> ConstrainedLayoutEngine:
 
 def title(results: Results) -> str:
     """Name of the drive, the filter and the length of the path."""
-    parts = [results.name, f"{path_length(results.trajectory):.0f} m"]
+    parts = [results.name, length_words(path_length(results.trajectory))]
     if estimator := results.summary.get("estimator"):
         parts.insert(1, str(estimator))
     return "  ·  ".join(parts)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vislam_ros.data.evaluation.evaluate import length_words
 from vislam_ros.data.evaluation.laid_paths import LaidPaths
 from vislam_ros.data.pictures import palette
 from vislam_ros.data.results.reader import Results
@@ -66,7 +67,7 @@ def scene_figure(results: Results, laid: LaidPaths) -> dict[str, Any]:
     for path in laid.paths:
         colour, width, dash = _STYLES[path.name]
         rows = evenly(len(path.stamps), MOST_POSES)
-        told = "" if path.rmse is None else f", {path.rmse:.2f} m"
+        told = "" if path.rmse is None else f", {length_words(path.rmse)}"
         traces.append(
             {
                 "type": "scatter3d",

@@ -13,6 +13,7 @@ import yaml
 
 from vislam_ros import __version__
 from vislam_ros.core.filters.quantities import OF_EVERY_STEP, OF_ROBOCENTRIC
+from vislam_ros.data.evaluation.evaluate import length_words
 from vislam_ros.data.results.estimate_rows import estimate_rows
 from vislam_ros.data.results.reader import Results
 from vislam_ros.data.trajectory import path_length
@@ -47,11 +48,11 @@ def tiles_html(results: Results, errors: Mapping[str, Any] | None) -> str:
     summary = results.summary
     tiles = [
         ("filter", summary.get("estimator")),
-        ("path", f"{path_length(results.trajectory):.0f} m"),
+        ("path", length_words(path_length(results.trajectory))),
         ("duration", _number(summary.get("drive_s"), "{:.1f} s")),
         ("steps", _number(summary.get("steps"), "{:,}")),
         ("landmarks", _number(summary.get("landmarks"), "{:,}")),
-        ("ATE", None if errors is None else f"{errors['ate_m']['rmse']:.2f} m"),
+        ("ATE", None if errors is None else length_words(errors["ate_m"]["rmse"])),
         ("NEES / 6", None if errors is None else _number(errors.get("nees_per_dof"), "{:.2f}")),
         ("NIS / dof", _number(summary.get("nis_per_dof"), "{:.2f}")),
         ("rejected", _number(summary.get("rejected_fraction"), "{:.2%}")),
