@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from vislam_ros.core.geometry import se3
+from vislam_ros.data.evaluation.evaluate import length_words
 from vislam_ros.data.evaluation.laid_paths import LaidPath, LaidPaths, Laying, laid_paths
 from vislam_ros.data.pictures import palette
 from vislam_ros.data.results.reader import Results
@@ -17,11 +18,12 @@ from vislam_ros.data.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+# Paths that lie on each other are all to be seen: the narrower above, the dashed one on top.
 _STYLES = {
-    "estimate": (palette.ESTIMATE, "-", 1.8, 4),
-    "smoothed": (palette.SMOOTHED, "-", 1.2, 5),
     "dead reckoning": (palette.DEAD_RECKONING, "-", 1.2, 2),
-    "reference": (palette.REFERENCE, "--", 1.2, 3),
+    "estimate": (palette.ESTIMATE, "-", 4.0, 3),
+    "smoothed": (palette.SMOOTHED, "-", 2.2, 4),
+    "reference": (palette.REFERENCE, (0, (5, 6)), 0.9, 5),
 }
 _ELLIPSES = 14
 # The largest ellipse is to be seen, and not to hide the drive: its share of the picture.
@@ -58,6 +60,8 @@ def draw_trajectory(
         )
     _draw_ellipses(above, results, float(np.max(high - low)))
     _draw_ends(above, results.trajectory.positions)
+    if results.dead_reckoning is not None and laid.get("dead reckoning") is None:
+        above.plot([], [], " ", label="no dead reckoning: no velocity")
     above.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")
     above.set_aspect("equal")
     _draw_heights(profile, results, laid)
@@ -105,7 +109,7 @@ def _draw_ends(axes: Axes, positions: Array) -> None:
             markeredgecolor="white",
             label=name,
             linestyle="none",
-            zorder=6,
+            zorder=7,
         )
 
 
@@ -139,7 +143,7 @@ def _draw_ellipses(axes: Axes, results: Results, extent: float) -> None:
             edgecolor=palette.ESTIMATE,
             linewidth=0.9,
             alpha=0.8,
-            zorder=4,
+            zorder=6,
             label=label,
         ),
         autolim=False,
@@ -160,7 +164,12 @@ def _draw_heights(axes: Axes, results: Results, laid: LaidPaths) -> None:
         color, style, line, order = _STYLES[path.name]
         seconds = (path.stamps - origin) * 1e-9
         axes.plot(
-            seconds, path.positions[:, 2], style, color=color, linewidth=0.7 * line, zorder=order
+            seconds,
+            path.positions[:, 2],
+            linestyle=style,
+            color=color,
+            linewidth=0.8 * line,
+            zorder=order,
         )
     seconds = (results.trajectory.stamps - origin) * 1e-9
     variances = map_covariances(results)[:, 2, 2]
@@ -184,7 +193,7 @@ def _label(path: LaidPath, laying: Laying) -> str:
         return path.name
     # The ATE is what is left after the best alignment, and an end's distance is more.
     word = "ATE" if laying != "first" else "RMS error"
-    return f"{path.name}, {word} {path.rmse:.2f} m"
+    return f"{path.name}, {word} {length_words(path.rmse)}"
 
 
 def _title(results: Results, laid: LaidPaths) -> str:
