@@ -25,7 +25,7 @@ def by_loops(dense):
         (t, m, tuple(np.float32(dense[:, m, t])))
         for t in range(T)
         for m in range(M)
-        if np.any(dense[:, m, t] != -1)
+        if not set(dense[:, m, t]) <= {-1.0, 0.0}
     ]
 
 
@@ -40,11 +40,11 @@ def by_loops(dense):
 @settings(deadline=None)
 def test_agrees_with_a_loop_over_the_dense_array(seed, M, T, chunk, fortran_order, dtype):
     rng = np.random.default_rng(seed)
-    # Single pixels of -1 in a seen observation are pixels, too.
+    # Single pixels of -1 or 0 in a seen observation are pixels, too.
     dense = rng.choice([-1.0, -3.5, 0.0, 100.25, 1e3 / 3], (4, M, T)).astype(dtype)
-    dense[:, rng.random((M, T)) < 0.5] = -1
+    dense[:, rng.random((M, T)) < 0.5] = rng.choice([-1.0, 0.0])
     features = rectified(
-        gather_observations(stream(dense, fortran_order=fortran_order, chunk=chunk))
+        gather_observations(lambda: stream(dense, fortran_order=fortran_order, chunk=chunk))
     )
     steps = np.repeat(np.arange(T), np.diff(features.offsets))
     found = list(zip(steps, features.ids, map(tuple, features.pixels), strict=True))
@@ -60,7 +60,7 @@ def test_an_observation_with_an_unusable_pixel_is_dropped_and_counted(bad):
     dense = np.full((4, 2, 3), -1.0)
     dense[:, 0, 1] = dense[:, 1, 1] = [10, 20, 5, 20]
     dense[2, 0, 1] = bad
-    features = rectified(gather_observations(stream(dense)))
+    features = rectified(gather_observations(lambda: stream(dense)))
     assert features.unusable == 1
     np.testing.assert_array_equal(features.ids, [1])
     np.testing.assert_array_equal(features.offsets, [0, 0, 1, 1])
@@ -68,7 +68,7 @@ def test_an_observation_with_an_unusable_pixel_is_dropped_and_counted(bad):
 
 def test_tells_how_far_it_is():
     shares = []
-    gather_observations(stream(np.full((4, 5, 5), -1.0), chunk=50), shares.append)
+    gather_observations(lambda: stream(np.full((4, 5, 5), -1.0), chunk=50), shares.append)
     assert shares == [0.5, 1.0]
 
 
@@ -82,3 +82,13 @@ def test_tells_how_far_it_is():
 )
 def test_the_image_is_the_smallest_that_holds_all_pixels(pixels, size):
     assert image_size_that_holds(np.array(pixels, dtype=np.float32)) == size
+
+
+def test_entries_of_zeros_are_unobserved_and_counted():
+    dense = np.zeros((4, 5, 6))
+    dense[:, 2, 1] = [30.0, 0.0, 20.0, 0.0]
+    dense[:, 3, 4] = -1
+    features = gather_observations(lambda: stream(dense))
+    assert features.ids.tolist() == [2]
+    assert features.pixels.tolist() == [[30.0, 0.0, 20.0, 0.0]]
+    assert features.empty == 28

@@ -4,7 +4,7 @@
 
 The format (M tracks, T steps), in every spelling in use; velocities may be transposed::
 
-    features (4, M, T)   u_left, v_left, u_right, v_right in pixels; all four -1 where unseen;
+    features (4, M, T)   u_left, v_left, u_right, v_right in pixels; all four -1 (or 0) where unseen;
                          in another order where the lengths leave no doubt; may be missing
     time_stamps, timestamps (T,)                           UNIX seconds
     linear_velocity, v_t (3, T)                            metres a second, in the IMU's axes;
@@ -250,14 +250,22 @@ def _features(
     """Observations, and notes on how they were found."""
     if FEATURES not in arrays:
         return no_features(steps), [NO_FEATURES]
-    stream = arrays[FEATURES]()
-    axes, order = _axes(path, stream.shape, steps), []
+    shape = arrays[FEATURES]().shape
+    axes, notes = _axes(path, shape, steps), []
     if axes != (0, 1, 2):
         names = ", ".join(name for _, name in sorted(zip(axes, ("4", "M", "T"), strict=True)))
-        order.append(f"Read {FEATURES} of shape {stream.shape} as ({names}).")
-    if stream.shape[axes[1]] > np.iinfo(np.uint32).max:
-        raise wrong_shape(path, FEATURES, stream.shape, "of at most 4294967295 tracks")
-    return gather_observations(stream, progress, axes=axes), order
+        notes.append(f"Read {FEATURES} of shape {shape} as ({names}).")
+    if shape[axes[1]] > np.iinfo(np.uint32).max:
+        raise wrong_shape(path, FEATURES, shape, "of at most 4294967295 tracks")
+    features = gather_observations(arrays[FEATURES], progress, axes=axes)
+    if features.empty:
+        entries = shape[axes[1]] * steps
+        share = features.empty / entries
+        notes.append(
+            f"{features.empty} of {entries} entries of {FEATURES} ({share:.1%}) are 0 0 0 0: read as "
+            "unobserved, which is -1 -1 -1 -1."
+        )
+    return features, notes
 
 
 def _axes(path: Path, shape: tuple[int, ...], steps: int) -> Axes:

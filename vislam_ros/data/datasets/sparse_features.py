@@ -16,6 +16,8 @@ from vislam_ros.data.datasets.arrays.array_stream import ArrayStream
 from vislam_ros.errors import VislamError
 
 ABSENT = -1.0
+# What arrays are made of where nobody fills them: no point lies in the corner of both images.
+_EMPTY = 0.0
 
 # A pixel has a mantissa full of noise, and hardly packs; in memory it takes more than in a file.
 # So a stored byte stands for no more pixels than this, or for these where they are few or some.
@@ -39,12 +41,15 @@ class DenseFeatures:
     ids : ndarray of uint32, (n,)
     pixels : ndarray of float64, (n, 4)
         ``u_left, v_left, u_right, v_right``; whatever numbers they are.
+    empty : int
+        Entries left out because they are 0 0 0 0.
     """
 
     steps: int
     step_of: NDArray[np.int64]
     ids: NDArray[np.uint32]
     pixels: NDArray[np.float64]
+    empty: int = 0
 
 
 @dataclass(frozen=True)
@@ -95,16 +100,20 @@ def rectified(
 
 
 def gather_observations(
-    stream: ArrayStream, progress: Progress | None = None, *, axes: Axes = (0, 1, 2)
+    opened: Callable[[], ArrayStream],
+    progress: Progress | None = None,
+    *,
+    axes: Axes = (0, 1, 2),
 ) -> DenseFeatures:
     """Pick the observations out of a dense array in one pass over its bytes.
 
-    An observation is absent where all four of its pixels are -1.
+    An observation is absent where all four of its pixels are -1, or 0. A single 0 in an
+    observation is a pixel: where there are such, a second pass fetches them.
 
     Parameters
     ----------
-    stream : ArrayStream
-        Of shape (4, M, T), in either order.
+    opened : callable
+        Opens the array, of shape (4, M, T), in either order.
     progress : callable, optional
         Told the share done, 0 to 1.
     axes : tuple of int, (3,), optional
@@ -115,17 +124,20 @@ def gather_observations(
     VislamError
         Where it unpacks to more observations than its bytes can tell.
     """
+    stream = opened()
     M, T = stream.shape[axes[1]], stream.shape[axes[2]]
     total = math.prod(stream.shape)
     # A cell is a (step, track) pair, numbered in the order that is wanted.
     cells: list[list[NDArray[np.int64]]] = [[], [], [], []]
     values: list[list[NDArray[np.float64]]] = [[], [], [], []]
-    start = 0
+    start = zeros = 0
     pixels_left = max(
         _PIXELS_OF_A_BYTE * stream.stored, min(_FEW + _SOME_OF_A_BYTE * stream.stored, _SOME)
     )
     for chunk in stream.chunks:
-        (present,) = np.nonzero(chunk != ABSENT)
+        is_zero = chunk == _EMPTY
+        zeros += int(np.count_nonzero(is_zero))
+        (present,) = np.nonzero((chunk != ABSENT) & ~is_zero)
         pixels_left -= len(present)
         if pixels_left < 0:
             raise VislamError(
@@ -133,10 +145,7 @@ def gather_observations(
                 "bytes can tell"
             )
         present_values = chunk[present].astype(np.float64)
-        order: Literal["F", "C"] = "F" if stream.fortran_order else "C"
-        place = np.unravel_index(present + start, stream.shape, order)
-        component, track, step = (place[axis] for axis in axes)
-        cell = step * M + track
+        component, cell = _places(stream, axes, present + start)
         for c in range(4):
             of_c = component == c
             cells[c].append(cell[of_c])
@@ -156,5 +165,32 @@ def gather_observations(
         pixels = np.full((len(seen), 4), ABSENT)
         for c in range(4):
             pixels[np.searchsorted(seen, every_cell[c]), c] = every_value[c]
+        if zeros:
+            _put_zeros(opened(), axes, seen, pixels)
     step_of, tracks = np.divmod(seen, max(M, 1))
-    return DenseFeatures(T, step_of, tracks.astype(np.uint32), pixels)
+    empty = (zeros - int(np.count_nonzero(pixels == _EMPTY))) // 4
+    return DenseFeatures(T, step_of, tracks.astype(np.uint32), pixels, empty)
+
+
+def _places(
+    stream: ArrayStream, axes: Axes, places: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Component and cell of numbers, by their places in the order of the bytes."""
+    order: Literal["F", "C"] = "F" if stream.fortran_order else "C"
+    place = np.unravel_index(places, stream.shape, order)
+    component, track, step = (place[axis] for axis in axes)
+    return component, step * stream.shape[axes[1]] + track
+
+
+def _put_zeros(
+    stream: ArrayStream, axes: Axes, seen: NDArray[np.int64], pixels: NDArray[np.float64]
+) -> None:
+    """Put the zeros of cells that are seen, sorted, among their pixels (n, 4)."""
+    start = 0
+    for chunk in stream.chunks:
+        (places,) = np.nonzero(chunk == _EMPTY)
+        component, cell = _places(stream, axes, places + start)
+        row = np.minimum(np.searchsorted(seen, cell), len(seen) - 1)
+        of_seen = seen[row] == cell
+        pixels[row[of_seen], component[of_seen]] = _EMPTY
+        start += len(chunk)

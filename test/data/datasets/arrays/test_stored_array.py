@@ -116,7 +116,7 @@ def test_a_file_is_read_in_a_fraction_of_its_size(tmp_path):
         "    return next(line.split()[1] for line in lines if line.startswith(name))\n"
         "before = kilobytes('VmRSS')\n"
         "with open_arrays(Path(sys.argv[1])) as arrays:\n"
-        "    features = gather_observations(arrays['features']())\n"
+        "    features = gather_observations(arrays['features'])\n"
         "print(len(features.ids), before, kilobytes('VmHWM'))\n"
     )
     result = subprocess.run(
