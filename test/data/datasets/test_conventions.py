@@ -13,9 +13,12 @@ from vislam_ros.data.datasets.conventions import (
     AS_FOUND,
     Conventions,
     extrinsics_frame,
+    in_radians,
+    is_in_degrees,
     reprojection_errors,
     settle_conventions,
 )
+from vislam_ros.data.datasets.mending import inverted
 from vislam_ros.data.datasets.step_pairs import step_pairs
 from vislam_ros.data.datasets.twist_origin import misplaced_imu
 from vislam_ros.data.simulation.simulate import (
@@ -108,6 +111,31 @@ def test_every_mixture_is_found_and_mended(drive, extrinsics, twists, at_start):
         *["imu_frame"] * ((twists is unchanged) != (extrinsics is unchanged)),
     ]
     assert (told.notes == ()) == (extrinsics is twists is at_start is unchanged)
+
+
+@pytest.mark.parametrize("twists", [unchanged, with_frd_twists])
+@pytest.mark.parametrize("extrinsics", [unchanged, with_frd_extrinsics])
+def test_an_angular_velocity_in_degrees_is_named_and_its_axes_found(drive, extrinsics, twists):
+    given = twists(extrinsics(drive))
+    degrees = dataclasses.replace(given, twists=given.twists * np.repeat([1, np.rad2deg(1)], 3))
+    settled = settle_conventions(degrees, AS_FOUND)
+    assert settled.camera == settle_conventions(given, AS_FOUND).camera
+    assert is_in_degrees(settled)
+    finding = settled.findings[-1]
+    assert (finding.name, finding.is_repaired) == ("contradiction", False)
+    assert "57.3 times what the images tell, as if in degrees" in finding.words
+    np.testing.assert_allclose(in_radians(settled).twists[1:], drive.twists[1:], rtol=1e-12)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 3.0])
+def test_another_factor_is_not_named_degrees(drive, factor):
+    other = dataclasses.replace(drive, twists=drive.twists * np.repeat([1, factor], 3))
+    assert not is_in_degrees(settle_conventions(other, AS_FOUND))
+
+
+def test_nothing_is_mended_on_top_of_extrinsics_that_are_contradicted(drive):
+    given = dataclasses.replace(with_twists_at_the_start(drive), camera=inverted(drive.camera))
+    assert settle_conventions(given, AS_FOUND) is given
 
 
 def test_a_drive_in_the_convention_is_left_alone(drive):

@@ -95,3 +95,16 @@ def test_a_course_file_without_features_is_solved():
     drive = npz.read(path)
     assert drive.notes[0] == "There are no features: what is left is dead reckoning."
     assert len(solve(drive).trajectory) == drive.steps > 0
+
+
+def test_zeros_in_place_of_minus_one_are_unobserved_with_a_note(tmp_path, drive):
+    path = tmp_path / "drive.npz"
+    straight = read(path, course_content(drive))
+    features = dense_features(drive)
+    features[features == -1] = 0.0
+    zeros = read(path, course_content(drive), features=features)
+    entries = features[0].size
+    (note,) = zeros.notes
+    assert note.startswith(f"{entries - len(drive.ids)} of {entries} entries of features (")
+    assert note.endswith("are 0 0 0 0: read as unobserved, which is -1 -1 -1 -1.")
+    assert_same(dataclasses.replace(zeros, notes=()), straight)

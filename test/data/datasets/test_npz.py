@@ -158,16 +158,6 @@ def test_observations_that_are_not_finite_are_left_out_with_a_note(tmp_path):
     assert drive.notes[0].startswith("Left out 1 observations")
 
 
-def test_zeros_in_place_of_minus_one_are_unobserved_with_a_note(tmp_path, reference):
-    content = dataset()
-    content["features"][content["features"] == -1] = 0.0
-    drive = load(save(tmp_path / "zeros.npz", content))
-    assert_same_drive(drive, reference, apart_from=("name", "notes"))
-    empty = content["features"][0].size - len(drive.ids)
-    assert drive.notes[0].startswith(f"{empty} of {content['features'][0].size} entries of")
-    assert "0 0 0 0: read as unobserved" in drive.notes[0]
-
-
 def test_ground_truth_is_read(tmp_path):
     poses = se3.exp(np.random.default_rng(1).normal(size=(T, 6)))
     drive = load(save(tmp_path / "drive.npz", changed(ground_truth_T_world_body=poses)))

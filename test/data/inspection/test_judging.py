@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vislam_ros.core.geometry.camera import StereoCamera
+from vislam_ros.data.datasets.conventions import AS_FOUND, settle_conventions
 from vislam_ros.data.datasets.mending import inverted
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.inspection.judging import judge
@@ -99,7 +100,16 @@ def test_one_that_is_a_little_off_is_none(drive: Drive) -> None:
 
 
 def test_inverted_extrinsics_are_found(drive: Drive) -> None:
-    assert names(replace(drive, camera=inverted(drive.camera))) == ["extrinsics_inverted"]
+    (finding,) = judge(replace(drive, camera=inverted(drive.camera))).findings
+    assert (finding.name, finding.is_repaired) == ("extrinsics_inverted", False)
+    assert "px with the inverse of the extrinsics" in finding.words
+    assert finding.advice == "give the inverse of the extrinsics"
+
+
+def test_what_an_angular_velocity_in_degrees_spoils_is_not_found_beside_it(drive: Drive) -> None:
+    degrees = drive.twists * np.repeat([1.0, np.rad2deg(1.0)], 3)
+    settled = settle_conventions(replace(drive, twists=degrees), AS_FOUND)
+    assert names(settled) == ["contradiction"]
 
 
 def test_axes_that_differ_are_found_where_reading_has_not_turned_them(drive: Drive) -> None:

@@ -7,9 +7,13 @@ or in the extrinsics, and do not say whether a twist holds before or after its t
 choice shows at once in the images: points triangulated in one frame, moved by the twist of one
 step, miss where the next frame sees them. And some files' twists are those of another point than
 the body that their extrinsics describe (see twist_origin).
+
+Where all choices fit far worse than no motion at all, something else is wrong, and nothing is
+mended on top of it: the drive is taken as the file has it.
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -49,6 +53,10 @@ MIN_RESIDUALS = 20
 _MIN_DEPTH = 0.1  # metres
 #: What a file says, or what is usual, gives way only to an error that is smaller by this factor.
 CLEARLY_SMALLER = 0.9
+# Errors by those of a body that stands: from here on the twists are contradicted, and from here on
+# it may be their unit.
+_CONTRADICTED, _FAR = 1.5, 4.0
+_DEGREES = math.degrees(1.0)
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,9 @@ class Conventions:
                 raise VislamError(f"{what} is {value!r}: choose one of {one_of}")
 
 
+#: The figure of a finding that the angular velocity is in degrees a second.
+DEGREES = "reprojection_px_of_degrees"
+
 #: Whatever fits the images.
 AS_FOUND = Conventions()
 
@@ -108,7 +119,9 @@ def settle_conventions(drive: Drive, conventions: Conventions) -> Drive:
     Drive
         With notes on what was measured and done.
     """
-    settled = _settle_axes_and_steps(drive, conventions.imu_frame, conventions.twist_index)
+    settled, fits = _settle_axes_and_steps(drive, conventions.imu_frame, conventions.twist_index)
+    if not fits and conventions.twist_origin == "auto":
+        return settled
     return _settle_origin(settled, drive.camera, conventions.twist_origin)
 
 
@@ -138,7 +151,8 @@ def _settle_origin(drive: Drive, camera_as_given: StereoCamera, twist_origin: st
     )
 
 
-def _settle_axes_and_steps(drive: Drive, imu_frame: str, twist_index: str) -> Drive:
+def _settle_axes_and_steps(drive: Drive, imu_frame: str, twist_index: str) -> tuple[Drive, bool]:
+    """Drive with axes and steps as they fit best, and whether they are not contradicted."""
     own_frame = extrinsics_frame(drive.camera)
     frames = [imu_frame]
     if imu_frame == "auto":
@@ -147,29 +161,67 @@ def _settle_axes_and_steps(drive: Drive, imu_frame: str, twist_index: str) -> Dr
     # In the order of preference: the first is what the file says.
     candidates = [(frame, index) for index in indices for frame in frames]
     if len(candidates) == 1:
-        return _apply(drive, *candidates[0])
+        return _apply(drive, *candidates[0]), True
 
+    as_stored = "as-given" if imu_frame == "auto" else imu_frame
     pairs = step_pairs(drive)
     trials = [_apply(drive, *candidate) for candidate in candidates]
     errors = [reprojection_errors(trial, pairs) for trial in trials]
     if min(len(part) for part in errors) < MIN_RESIDUALS:
-        return _add_note(
-            _apply(drive, "as-given" if imu_frame == "auto" else imu_frame, indices[0]),
-            "Too few landmarks to tell axes and steps of the twists: taken as the file has them.",
+        words = (
+            "Too few landmarks to tell axes and steps of the twists: taken as the file has them."
         )
+        return _add_note(_apply(drive, as_stored, indices[0]), words), True
+    medians, best = _fitting_best(errors)
+    still = float(np.median(reprojection_errors(_standing(drive), pairs)))
+    if medians[best] > _FAR * still:
+        as_radians = [reprojection_errors(in_radians(trial), pairs) for trial in trials]
+        of_radians, fitting = _fitting_best(as_radians)
+        if of_radians[fitting] < still:
+            finding = _in_degrees(medians[fitting], of_radians[fitting])
+            return trials[fitting].with_finding(finding), False
+    if medians[best] > _CONTRADICTED * still:
+        return _apply(drive, as_stored, indices[0]), False
+    errors_px = {_describe(*each): error for each, error in zip(candidates, medians, strict=True)}
+    findings = tuple(
+        dataclasses.replace(each, numbers={**each.numbers, "reprojection_px": errors_px})
+        if each.name in ("imu_frame", "twist_index")
+        else each
+        for each in trials[best].findings
+    )
+    return dataclasses.replace(trials[best], findings=findings), True
+
+
+def _fitting_best(errors: Sequence[Array]) -> tuple[list[float], int]:
+    """Median of each choice's errors, and which is best: the first unless one is clearly so."""
     medians = [float(np.median(part)) for part in errors]
     best = int(np.argmin(medians))
-    if medians[best] > CLEARLY_SMALLER * medians[0]:
-        best = 0
-    errors_px = {_describe(*each): error for each, error in zip(candidates, medians, strict=True)}
-    return dataclasses.replace(
-        trials[best],
-        findings=tuple(
-            dataclasses.replace(each, numbers={**each.numbers, "reprojection_px": errors_px})
-            if each.name in ("imu_frame", "twist_index")
-            else each
-            for each in trials[best].findings
-        ),
+    return medians, 0 if medians[best] > CLEARLY_SMALLER * medians[0] else best
+
+
+def _standing(drive: Drive) -> Drive:
+    """Drive whose body does not move, as far as its motion is measured."""
+    return dataclasses.replace(drive, twists=0.0 * drive.twists)
+
+
+def in_radians(drive: Drive) -> Drive:
+    """Drive whose angular velocity was in degrees a second."""
+    return dataclasses.replace(drive, twists=drive.twists / np.repeat([1.0, _DEGREES], 3))
+
+
+def is_in_degrees(drive: Drive) -> bool:
+    """Whether reading found a drive's angular velocity to be in degrees a second."""
+    return any(DEGREES in each.numbers for each in drive.findings)
+
+
+def _in_degrees(as_given: float, as_radians: float) -> Finding:
+    return Finding(
+        "contradiction",
+        f"the angular velocity is {_DEGREES:.1f} times what the images tell, as if in degrees: "
+        f"they are off by {as_given:.1f} px a step, and by {as_radians:.1f} px if it is",
+        "give radians a second",
+        False,
+        {DEGREES: as_radians, "reprojection_px": as_given},
     )
 
 

@@ -4,7 +4,7 @@
 
 The format (M tracks, T steps), in every spelling in use; velocities may be transposed::
 
-    features (4, M, T)   u_left, v_left, u_right, v_right in pixels; all four -1 (or 0) where unseen;
+    features (4, M, T)   u_left, v_left, u_right, v_right in pixels; all four -1 or 0 where unseen;
                          in another order where the lengths leave no doubt; may be missing
     time_stamps, timestamps (T,)                           UNIX seconds
     linear_velocity, v_t (3, T)                            metres a second, in the IMU's axes;
@@ -262,8 +262,8 @@ def _features(
         entries = shape[axes[1]] * steps
         share = features.empty / entries
         notes.append(
-            f"{features.empty} of {entries} entries of {FEATURES} ({share:.1%}) are 0 0 0 0: read as "
-            "unobserved, which is -1 -1 -1 -1."
+            f"{features.empty} of {entries} entries of {FEATURES} ({share:.1%}) are 0 0 0 0: "
+            "read as unobserved, which is -1 -1 -1 -1."
         )
     return features, notes
 

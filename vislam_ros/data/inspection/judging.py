@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import threadpoolctl
 
-from vislam_ros.data.datasets.conventions import reprojection_errors
+from vislam_ros.data.datasets.conventions import in_radians, is_in_degrees, reprojection_errors
 from vislam_ros.data.datasets.mending import AS_STORED, Mending, inverted
 from vislam_ros.data.datasets.step_pairs import step_pairs
 from vislam_ros.data.drive import Drive, image_size_that_holds
@@ -85,6 +85,9 @@ def mended(drive: Drive, mending: Mending) -> Drive:
 
 def _judge(drive: Drive, again: Reread, mending: Mending) -> Judged:
     found: list[Finding] = []
+    if is_in_degrees(drive):
+        found, drive = list(drive.findings), replace(in_radians(drive), findings=())
+        again = _in_radians(again)
     disparities = disparities_of(drive)
     if are_swapped(disparities):
         found.append(swapped(disparities))
@@ -101,11 +104,13 @@ def _judge(drive: Drive, again: Reread, mending: Mending) -> Judged:
     of_motion = judge_motion(walked.reasons)
     if of_motion and not mending.inverts_extrinsics:
         if inverse := _inverse(drive, again, mending):
-            drive = corrected(inverse, right) if right else inverse
+            other, as_given, as_inverse = inverse
+            drive = corrected(other, right) if right else other
             walked = walk(drive)
             wrong = Finding(
                 "extrinsics_inverted",
-                of_motion[0].words,
+                f"images and twists are off by {as_given:.1f} px a step, and by {as_inverse:.1f} "
+                "px with the inverse of the extrinsics",
                 "give the inverse of the extrinsics",
                 False,
                 of_motion[0].numbers,
@@ -143,8 +148,20 @@ def _judge(drive: Drive, again: Reread, mending: Mending) -> Judged:
     return Judged(found, unknown, drive)
 
 
-def _inverse(drive: Drive, again: Reread, mending: Mending) -> Drive | None:
-    """Drive with its extrinsics inverted, where that fits its images far better."""
+def _in_radians(again: Reread) -> Reread:
+    """Read a drive whose angular velocity is in degrees, with that undone, too."""
+
+    def reread(mending: Mending) -> Drive:
+        return replace(in_radians(again(mending)), findings=())
+
+    return reread
+
+
+def _inverse(drive: Drive, again: Reread, mending: Mending) -> tuple[Drive, float, float] | None:
+    """Drive with its extrinsics inverted, where that fits its images far better.
+
+    With it come the median errors as given and with the inverse, pixels.
+    """
     if not drive.measures_velocity or len(drive.twists) != drive.steps:
         return None
     other = again(replace(mending, inverts_extrinsics=True))
@@ -154,4 +171,5 @@ def _inverse(drive: Drive, again: Reread, mending: Mending) -> Drive | None:
         if not len(of_steps):
             return None
         errors.append(float(np.median(of_steps)))
-    return other if errors[1] < _LEFT_OF_ERROR * errors[0] else None
+    as_given, as_inverse = errors
+    return (other, as_given, as_inverse) if as_inverse < _LEFT_OF_ERROR * as_given else None
