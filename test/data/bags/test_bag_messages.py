@@ -50,6 +50,32 @@ def test_what_is_no_bag_is_refused(tmp_path):
         read_all(tmp_path)
 
 
+def with_storage(bag, word):
+    metadata = bag / "metadata.yaml"
+    changed = metadata.read_text().replace("storage_identifier: mcap", word)
+    assert changed != metadata.read_text()
+    metadata.write_text(changed)
+
+
+@pytest.mark.parametrize("word", ["''", '""', ""])
+def test_the_storage_of_one_file_is_that_of_its_name_where_none_is_told(bag, word):
+    with BagMessages(bag) as messages:
+        expected = {each.topic: each.count for each in messages.connections}
+    with_storage(bag, f"storage_identifier: {word}")
+    with BagMessages(bag) as messages:
+        assert {each.topic: each.count for each in messages.connections} == expected
+
+
+@pytest.mark.parametrize(("word", "more"), [("rosbag", False), ("''", True)])
+def test_a_storage_that_is_none_is_told_what_to_write(bag, word, more):
+    with_storage(bag, f"storage_identifier: {word}")
+    if more:
+        (bag / "other.mcap").write_bytes((bag / "bag.mcap").read_bytes())
+    message = f"storage_identifier is '?{word}'?: write mcap for .mcap files, sqlite3 for"
+    with pytest.raises(VislamError, match=message), BagMessages(bag):
+        pass
+
+
 def test_a_bag_without_its_metadata_is_told_what_to_do(bag):
     assert lacks(bag) is None
     (bag / "metadata.yaml").unlink()

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a bag as they are stored: raw for the player, decoded by their type."""
 
+import re
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,12 @@ from rosbags.typesys.store import Typestore
 
 from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
 from vislam_ros.data.bags.claims import check_bag
+from vislam_ros.data.files.inputs import read_text
 from vislam_ros.errors import VislamError
+
+# Storages and how their files are called; what metadata.yaml says of it, plain or quoted.
+_STORED = {"mcap": ".mcap", "sqlite3": ".db3"}
+_STORAGE = re.compile(r"""^ *storage_identifier: *['"]?([^'"\s]*)""", re.MULTILINE)
 
 
 def is_bag(path: Path) -> bool:
@@ -35,6 +41,30 @@ def lacks(path: Path) -> str | None:
     return (
         f"{path}: has {files[0]} and no metadata.yaml, as after a crash: give the file itself, or "
         "let ros2 bag reindex write it"
+    )
+
+
+def _readable(path: Path) -> Path:
+    """Bag as its reader can open it: the one file of a directory that does not name its storage.
+
+    Raises
+    ------
+    VislamError
+        Where the directory's metadata names a storage that is none.
+    """
+    if not path.is_dir():
+        return path
+    metadata = path / "metadata.yaml"
+    found = _STORAGE.search(read_text(metadata, "this bag"))
+    storage = found[1] if found else "mcap"
+    if storage in _STORED:
+        return path
+    files = sorted(each for each in path.iterdir() if each.suffix in _STORED.values())
+    if not storage and len(files) == 1:
+        return files[0]
+    raise VislamError(
+        f"{metadata}: storage_identifier is {storage!r}: write mcap for .mcap files, sqlite3 for "
+        ".db3"
     )
 
 
@@ -101,10 +131,12 @@ class BagMessages:
         check_bag(self.path)
         try:
             self._reader = AnyReader(
-                [self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY)
+                [_readable(self.path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)
             )
             self._reader.open()
             self._take_description()
+        except VislamError:
+            raise
         except Exception as error:  # damaged bags raise errors of every kind
             raise self._unreadable(error) from error
         return self
