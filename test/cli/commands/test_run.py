@@ -3,6 +3,7 @@
 """The whole live graph as processes: what it leaves when it ends well."""
 
 import csv
+import shutil
 import subprocess
 import sys
 
@@ -53,10 +54,9 @@ def test_flags_reach_the_nodes_and_it_says_how_to_join_them(start, dataset):
     run = start(dataset, "--rate", "0", *flags, environment={"ROS_DOMAIN_ID": "77"})
     code, _, errors = run.end()
     assert code == 0
-    assert (
-        "to join this run: ROS_DOMAIN_ID=77 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST "
-        "ros2 topic list"
-    ) in errors
+    example = " ros2 topic list" if shutil.which("ros2") else ""
+    settings = "ROS_DOMAIN_ID=77 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+    assert f"to join this run: {settings}{example}" in errors
     used = read_results(run.out).parameters["slam_node"]
     assert used["estimator"] == "dead_reckoning"
     assert (used["feature_fraction"], used["seed"]) == (0.5, 7)

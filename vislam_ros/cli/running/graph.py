@@ -3,6 +3,7 @@
 """The nodes and the player as processes, watched from their start to their end."""
 
 import os
+import shutil
 import signal
 import time
 from collections.abc import Iterator, Mapping
@@ -154,7 +155,8 @@ def _ros_environment(log_folder: Path) -> Iterator[dict[str, str]]:
 def _say_how_to_join(environment: Mapping[str, str]) -> None:
     names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
     settings = " ".join(f"{name}={environment[name]}" for name in names)
-    tell(f"to join this run: {settings} ros2 topic list")
+    # The wheels of ROS have no such command.
+    tell(f"to join this run: {settings}{' ros2 topic list' if shutil.which('ros2') else ''}")
 
 
 @contextmanager
