@@ -148,6 +148,17 @@ def test_the_steps_are_drawn_without_frozen_ones_in_the_nis(round_results: Resul
     assert {"mean 1.00", "100% inside"} <= set(nis)
 
 
+@pytest.mark.parametrize(("late", "words"), [(1, "1 step higher"), (2, "2 steps higher")])
+def test_steps_beyond_the_picture_are_counted(
+    round_results: Results, late: int, words: str
+) -> None:
+    round_results.steps["ms"][:late] = 500.0
+    round_results.steps["ms"][late:] = 1.0
+    steps = {name: np.tile(column, 10) for name, column in round_results.steps.items()}
+    steps["ms"][60:] = 1.0
+    assert words in lines(draw_steps(replace(round_results, steps=steps)).axes[3])
+
+
 def test_errors_stand_in_the_axes_of_the_body(
     round_results: Results, round_drive: Trajectory, moved_round: Trajectory
 ) -> None:

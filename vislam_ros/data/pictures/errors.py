@@ -83,6 +83,7 @@ def draw_errors(results: Results, reference: Trajectory) -> Figure:
             seconds, nees, color=palette.ESTIMATE, linewidth=0.9, label=f"mean {mean:.2f}"
         )
         consistency.set_yscale("log")
+        palette.plain_numbers(consistency.yaxis)
     consistency.set(ylabel="NEES / 6", xlabel="time [s]")
     title = f"{palette.title(results)}\nerrors in body axes, first pose laid onto the reference's"
     palette.finish_series(figure, title)

@@ -3,8 +3,10 @@
 """What all pictures share: colours, so that one means the same in all of them, grid, titles."""
 
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import LogFormatter
 
 from vislam_ros.data.evaluation.evaluate import length_words
 from vislam_ros.data.results.reader import Results
@@ -35,6 +37,19 @@ _GRID = "#e6e6e6"
 def draw_grid(axes: Axes) -> None:
     """Draw a faint grid behind what the axes show."""
     axes.grid(visible=True, color=_GRID, linewidth=0.6)
+
+
+class _PlainNumbers(LogFormatter):
+    """0.6 and 300 where matplotlib would write powers of ten."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers."""
+    axis.set_major_formatter(_PlainNumbers())
+    axis.set_minor_formatter(_PlainNumbers(minor_thresholds=(1.0, 0.4)))
 
 
 def layout() -> ConstrainedLayoutEngine:

@@ -50,7 +50,7 @@ def draw_steps(results: Results) -> Figure:
     # A single step may take a hundred times as long, and would flatten all others.
     above = int(np.sum(steps["ms"] > 1.5 * late))
     if above:
-        duration.plot([], [], " ", label=f"{above} steps higher")
+        duration.plot([], [], " ", label=f"{above} step{'s' * (above > 1)} higher")
     duration.set(ylabel="step [ms]", ylim=(0, max(1.5 * late, 1e-3)), xlabel="time [s]")
 
     frozen = seconds[steps["frozen"]]

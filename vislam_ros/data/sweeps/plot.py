@@ -113,6 +113,7 @@ def _draw_line(axes: Axes, plan: SweepPlan, points: Sequence[PointResult], name:
     if numbers:
         if min(settings) > 0 and max(settings) / min(settings) > _LOG_SPAN:
             axes.set_xscale("log")
+            palette.plain_numbers(axes.xaxis)
     else:
         axes.set_xticks(range(len(settings)), [value_text(value) for value in settings])
         axes.margins(x=0.2)
@@ -126,6 +127,7 @@ def _finish(axes: Axes, name: str, values: Sequence[float]) -> None:
         )
     if min(values) > 0 and max(values) / min(values) > _LOG_SPAN:
         axes.set_yscale("log")
+        palette.plain_numbers(axes.yaxis)
     else:
         axes.set_ylim(0, 1.08 * max(*values, 1e-12, 1.0 if name in _IDEAL_ONE else 0.0))
     palette.draw_grid(axes)
@@ -158,6 +160,8 @@ def _draw_fields(axes: Axes, plan: SweepPlan, points: Sequence[PointResult], nam
         ends = [float(low or 1.0), 1.0, float(high or 1.0)]
         bar.set_ticks(ends, labels=[f"{end:.2g}" for end in ends])
         bar.minorticks_off()
+    elif isinstance(norm, LogNorm):
+        palette.plain_numbers(bar.ax.yaxis)
     for (row, column), value in np.ndenumerate(field):
         text, colour = "-", palette.REFERENCE
         if np.isfinite(value):
