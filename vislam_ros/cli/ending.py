@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 from vislam_ros.cli.lines import tell, tell_next
 from vislam_ros.cli.screen import print_summary
+from vislam_ros.core.verdict.reason import Word
 from vislam_ros.data.results.completeness import describe_refused
 from vislam_ros.errors import VislamError
 
@@ -49,6 +50,8 @@ def require_complete(passes: Sequence[PassResults]) -> None:
 def tell_written(passes: Sequence[PassResults], data: Path) -> None:
     """Name the files of each pass on standard error, and what comes next.
 
+    Of data that contradict themselves ``inspect`` has more to say.
+
     Parameters
     ----------
     passes : sequence of tuple
@@ -58,6 +61,9 @@ def tell_written(passes: Sequence[PassResults], data: Path) -> None:
     for directory, _ in passes:
         names = sorted(path.name for path in directory.iterdir() if path.is_file())
         tell(f"wrote {directory}: {', '.join(names)}")
+    if any(summary["verdict"] == Word.CONTRADICTION.value for _, summary in passes):
+        tell_next("inspect", str(data))
+        return
     truth = data.with_suffix(".tum")
     reference = str(truth) if truth.is_file() else "REF.tum"
     tell_next("evaluate", str(passes[0][0]), "--reference", reference)
