@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from vislam_ros.frontend.picture import Trails, drawn_tracks
+from vislam_ros.frontend.picture import Trails, captioned, drawn_tracks
 from vislam_ros.frontend.tracker import Tracked
 
 IMAGE = np.full((100, 200), 40, np.uint8)
@@ -64,3 +64,18 @@ def test_a_repeated_or_empty_frame_is_the_image() -> None:
     trails.add(nothing)
     assert np.all(drawn_tracks(IMAGE, nothing, trails) == 40)
     assert len(trails.of(np.array([1], np.uint32))[0]) == 1
+
+
+def test_a_caption_below_says_what_the_marks_mean() -> None:
+    for width in (200, 480, 1241):
+        picture = np.full((100, width, 3), 40, np.uint8)
+        whole = captioned(picture)
+        assert_array_equal(whole[:100], picture)
+        line = whole[100:].astype(int)
+        assert line.shape[1] == width
+        # Words and marks, and room to the right of them.
+        assert np.any(line < 200)
+        assert np.all(line[:, -3:] == 255)
+        red, blue = (np.any(line[..., c] > line[..., 2 - c] + 50) for c in (2, 0))
+        assert red
+        assert blue

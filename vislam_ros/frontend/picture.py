@@ -14,6 +14,16 @@ Grey = NDArray[np.uint8]
 
 # Frames that a trail reaches back, and fractions of a pixel in which OpenCV draws, as a shift.
 _LONGEST, _SHIFT = 10, 3
+# The palette's shades of the farthest and the nearest point: its ends are nearly black.
+_FAR, _NEAR = 25, 235
+# What the marks mean: shade, whether filled, and words.
+_CAPTION = (
+    (_NEAR, True, "near"),
+    (_FAR, True, "far"),
+    (130, True, "followed, with its trail"),
+    (130, False, "new"),
+)
+_CAPTION_HEIGHT, _CAPTION_WIDTH = 24, 480  # pixels
 
 
 class Trails:
@@ -71,10 +81,7 @@ def drawn_tracks(left: Grey, tracked: Tracked, trails: Trails | None = None) -> 
     nearness = np.log1p(disparities)
     nearness -= nearness.min()
     nearness /= max(float(nearness.max()), 1e-6)
-    # The ends of the palette are nearly black.
-    shade = np.rint(25 + 210 * nearness).astype(np.uint8)
-    palette = cv2.applyColorMap(shade, cv2.COLORMAP_TURBO)
-    colours = palette.reshape(-1, 3).tolist()
+    colours = _colours(np.rint(_FAR + (_NEAR - _FAR) * nearness))
     paths = trails.of(tracked.ids) if trails else [place[None] for place in tracked.pixels[:, :2]]
     for path, place, colour in zip(paths, tracked.pixels[:, :2], colours, strict=True):
         corners = np.rint(path * (1 << _SHIFT)).astype(np.int32).reshape(-1, 1, 2)
@@ -83,3 +90,28 @@ def drawn_tracks(left: Grey, tracked: Tracked, trails: Trails | None = None) -> 
         filled = cv2.FILLED if len(path) > 1 else 1
         cv2.circle(picture, middle, 3 << _SHIFT, colour, filled, cv2.LINE_AA, _SHIFT)
     return np.asarray(picture, np.uint8)
+
+
+def captioned(picture: Grey) -> Grey:
+    """Picture (H, W, 3) of tracks with a line below that says what its marks mean."""
+    width = picture.shape[1]
+    scale = min(1.0, width / _CAPTION_WIDTH)
+    height = round(_CAPTION_HEIGHT * scale)
+    line = np.full((height, width, 3), 255, np.uint8)
+    x, middle = 0.5 * height, height // 2
+    colours = _colours(np.array([shade for shade, *_ in _CAPTION]))
+    for (_, is_filled, words), colour in zip(_CAPTION, colours, strict=True):
+        filled = cv2.FILLED if is_filled else 1
+        cv2.circle(line, (round(x), middle), max(2, round(4 * scale)), colour, filled, cv2.LINE_AA)
+        font = cv2.FONT_HERSHEY_SIMPLEX, 0.5 * scale
+        (length, high), _ = cv2.getTextSize(words, *font, 1)
+        place = (round(x + 10 * scale), middle + high // 2)
+        cv2.putText(line, words, place, *font, (0, 0, 0), 1, cv2.LINE_AA)
+        x += length + 40 * scale
+    return np.concatenate([picture, line])
+
+
+def _colours(shades: NDArray[np.float64] | NDArray[np.int64]) -> list[list[float]]:
+    """Colours of shades (n,), 0 to 255, of the palette."""
+    palette = cv2.applyColorMap(shades.astype(np.uint8), cv2.COLORMAP_TURBO)
+    return palette.astype(float).reshape(-1, 3).tolist()

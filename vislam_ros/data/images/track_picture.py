@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vislam_ros.data.files.whole_file import replace_file
-from vislam_ros.frontend.picture import Trails, drawn_tracks
+from vislam_ros.frontend.picture import Trails, captioned, drawn_tracks
 from vislam_ros.frontend.tracker import Tracked
 
 
@@ -39,5 +39,5 @@ class TrackPicture:
     def write(self, path: Path) -> None:
         """Write it; an OutputError where that cannot be."""
         if self._picture is not None:
-            _, data = cv2.imencode(".png", self._picture)
+            _, data = cv2.imencode(".png", captioned(self._picture))
             replace_file(path, data.tobytes())
