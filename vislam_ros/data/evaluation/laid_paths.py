@@ -15,9 +15,9 @@ from vislam_ros.data.evaluation.alignment import (
     first_pose_alignment,
 )
 from vislam_ros.data.evaluation.association import associate
-from vislam_ros.data.evaluation.evaluate import WHOLE, length_words, path_length
+from vislam_ros.data.evaluation.evaluate import WHOLE, length_words
 from vislam_ros.data.results.reader import Results
-from vislam_ros.data.trajectory import Trajectory
+from vislam_ros.data.trajectory import Trajectory, path_length
 
 Array = NDArray[np.float64]
 
