@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 # Paths that lie on each other are all to be seen: the narrower above, the dashed one on top.
 _STYLES = {
     "dead reckoning": (palette.DEAD_RECKONING, "-", 1.2, 2),
-    "estimate": (palette.ESTIMATE, "-", 4.0, 3),
-    "smoothed": (palette.SMOOTHED, "-", 2.2, 4),
+    "estimate": (palette.ESTIMATE, "-", 2.8, 3),
+    "smoothed": (palette.SMOOTHED, "-", 1.5, 4),
     "reference": (palette.REFERENCE, (0, (5, 6)), 0.9, 5),
 }
 _ELLIPSES = 14
