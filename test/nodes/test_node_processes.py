@@ -15,6 +15,8 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from live.node_processes import WAIT, spin_until, wait_until
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
@@ -94,6 +96,30 @@ def test_signals_end_a_node_with_0_and_without_a_traceback(processes, probe, sig
     assert process.returncode == 0, errors
     assert "Traceback" not in errors
     assert "time_jumb: no such parameter, it has no effect; did you mean time_jump?" in errors
+
+
+def test_a_request_that_ros_does_not_understand_ends_no_node(processes, probe):
+    process = processes.start("nodes.slam_node")
+    executor = SingleThreadedExecutor(context=probe.context)
+    executor.add_node(probe)
+    client = probe.create_client(SetParameters, "/slam_node/set_parameters")
+    spin_until(executor, client.service_is_ready, "the service")
+
+    def ask(value):
+        parameter = Parameter(name="chi2_gate", value=value)
+        return client.call_async(SetParameters.Request(parameters=[parameter]))
+
+    bad = [ask(ParameterValue(type=77)) for _ in range(3)]
+    good = ask(ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=9.0))
+    spin_until(executor, good.done, "the answer after those")
+    assert good.result().results[0].successful
+    assert all(each.done() and not each.result().results for each in bad)
+    executor.shutdown()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == 0, errors
+    assert "Traceback" not in errors
+    assert errors.count("77 is not a valid") == 1
 
 
 def test_a_recorder_that_cannot_write_any_more_says_why_without_a_traceback(

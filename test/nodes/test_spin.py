@@ -1,6 +1,8 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
 import functools
+import gc
+import signal
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -14,6 +16,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from std_msgs.msg import Empty
 
+from vislam_ros.errors import OutputError
 from vislam_ros.nodes import spin
 from vislam_ros.nodes.spin import spinning
 
@@ -61,6 +64,54 @@ def test_a_thread_goes_on_after_what_a_callback_raises(context: Context) -> None
         publisher.publish(Empty())
         wait_until(lambda: len(heard) == 2, "the message after it")
     node.destroy_node()
+
+
+class Raising(SingleThreadedExecutor):
+    """Fails whenever it is spun, as a broken executor would, and sees how often it was."""
+
+    spins = 0
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        del timeout_sec
+        Raising.spins += 1
+        raise self.error
+
+    error: Exception = ValueError("broken")
+
+
+def test_a_node_ends_where_no_message_is_the_cause_of_what_its_executor_raises(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], domain_id: int
+) -> None:
+    monkeypatch.setattr(spin, "_LONGEST_SECONDS", 0.2)
+    monkeypatch.setattr(spin, "EventsExecutor", Raising)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
+    monkeypatch.setattr(Raising, "spins", 0)
+    assert spun(monkeypatch) == 1
+    assert capsys.readouterr().err.endswith("error: cannot go on: broken\n")
+    assert Raising.spins > 1
+
+
+def test_a_node_ends_at_once_where_it_cannot_write_any_more(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], domain_id: int
+) -> None:
+    monkeypatch.setattr(spin, "EventsExecutor", Raising)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
+    monkeypatch.setattr(Raising, "spins", 0)
+    monkeypatch.setattr(Raising, "error", OutputError("run: no space left"))
+    assert spun(monkeypatch) == 1
+    assert capsys.readouterr().err.endswith("error: run: no space left\n")
+    assert Raising.spins == 1
+
+
+def spun(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Run a node in this process, which goes on to be told of signals."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.setattr(gc, "freeze", lambda: None)
+    try:
+        return spin.run(lambda: Node("spun"), ["spun"])
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 @each_executor

@@ -13,11 +13,12 @@ import signal
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import rclpy
 import rclpy.logging
@@ -30,7 +31,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
-from vislam_ros.errors import VislamError, one_line
+from vislam_ros.errors import OutputError, VislamError, one_line
 from vislam_ros.nodes.diagnostics import Monitor
 
 try:
@@ -130,19 +131,17 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
 def spinning(node: Node) -> Iterator[None]:
     """Let a thread spin a node while the block runs; it goes on after what a callback raises."""
     executor = executor_of(node.context)
+    caller = _Caller(executor, node)
     executor.add_node(node)
     is_over = threading.Event()
 
-    def call_back() -> None:
-        try:
-            _call_back(executor, _POLL_SECONDS)
-        except Exception as error:  # also of a message that cannot be decoded
-            if node.context.ok():
-                node.get_logger().error(f"passed over: {one_line(_reason(error))}")
-
     def spin() -> None:
-        while not is_over.is_set():
-            call_back()
+        try:
+            while not is_over.is_set():
+                caller.call_back(_POLL_SECONDS)
+        except Exception as error:
+            if node.context.ok():
+                node.get_logger().error(one_line(_reason(error)))
 
     thread = threading.Thread(target=spin, name="executor")
     thread.start()
@@ -221,10 +220,11 @@ def executor_of(context: Context) -> Executor:
 
 def _spin(node: Node, told_at: Sequence[float]) -> None:
     executor = executor_of(node.context)
+    caller = _Caller(executor, node)
     monitor = node.monitor if isinstance(node, Monitored) else None
 
     def spin_once(timeout: float = _POLL_SECONDS) -> None:
-        _call_back(executor, timeout)
+        caller.call_back(timeout)
         if monitor is not None and monitor.failure is not None:
             raise monitor.failure
 
@@ -246,10 +246,69 @@ def _spin(node: Node, told_at: Sequence[float]) -> None:
     node.destroy_node()
 
 
-def _call_back(executor: Executor, timeout: float) -> None:
-    """Call back for one thing that came, or comes within so many seconds."""
-    with suppress(InvalidHandle):  # what it came for was destroyed meanwhile
-        executor.spin_once(timeout_sec=timeout)
+class _Caller:
+    """Calls back for what comes to a node, and goes on after what a callback raises.
+
+    rclpy's own services raise for requests that they do not understand. They are answered before
+    that reaches the executor, which would forget whatever else waits for the same service.
+    """
+
+    def __init__(self, executor: Executor, node: Node):
+        self._executor = executor
+        self._node = node
+        self._passed_over: Counter[str] = Counter()
+        self._failing_since: float | None = None
+        for service in node.services:
+            service.callback = self._guarded(service.callback)
+
+    def _guarded(self, answer: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        """Answer requests; an answer that fails is as empty as it was at first."""
+
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                return answer(request, response)
+            except OutputError:
+                raise
+            except Exception as error:
+                self._pass_over(error)
+                return response
+
+        return guarded
+
+    def call_back(self, timeout: float) -> None:
+        """Call back for one thing that came, or comes within so many seconds.
+
+        Raises
+        ------
+        OutputError
+            As a callback raised it.
+        VislamError
+            Where nothing goes well any more: no message is the cause of that.
+        Exception
+            Where the context is shut down.
+        """
+        try:
+            self._executor.spin_once(timeout_sec=timeout)
+        except InvalidHandle:  # what it came for was destroyed meanwhile
+            pass
+        except Exception as error:  # also of a message that cannot be decoded
+            if isinstance(error, OutputError) or not self._node.context.ok():
+                raise
+            self._failing_since = self._failing_since or time.monotonic()
+            if time.monotonic() - self._failing_since > _LONGEST_SECONDS:
+                raise VislamError(f"cannot go on: {_reason(error)}") from error
+            self._pass_over(error)
+        else:
+            self._failing_since = None
+
+    def _pass_over(self, error: Exception) -> None:
+        """Log the first of a kind, then the 10th, the 100th, ..."""
+        kind = type(error).__name__
+        self._passed_over[kind] += 1
+        count = self._passed_over[kind]
+        if count == 10 ** (len(str(count)) - 1):
+            reason = one_line(_reason(error))
+            self._node.get_logger().error(f"passed over, {count} so far: {kind}: {reason}")
 
 
 def _work_off(executor: Executor, spin_once: Callable[[float], None]) -> None:
