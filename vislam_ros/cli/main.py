@@ -42,6 +42,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                 warnings.simplefilter("ignore")
             # Only the command that runs is imported: some bring ROS or matplotlib.
             with importing():
+                from vislam_ros.cli.grammar.paths import check_paths
+
+                check_paths(arguments)
                 module = importlib.import_module(f"vislam_ros.cli.commands.{arguments.command}")
             code = int(module.run(arguments))
         if sys.stdout is not None:

@@ -9,8 +9,8 @@ from places import REPOSITORY
 from vislam_ros.core.columns import Column, Quantity
 from vislam_ros.core.filters.quantities import OF_EVERY_STEP, OF_ROBOCENTRIC
 from vislam_ros.core.step import COLUMNS
+from vislam_ros.data.results.file_names import OWNED_FILES
 from vislam_ros.data.results.summary import RunSummary
-from vislam_ros.data.results.writer import OWNED_FILES
 
 PAGE = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
 

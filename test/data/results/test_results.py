@@ -18,8 +18,9 @@ from vislam_ros.core.geometry import se3
 from vislam_ros.core.landmarks import LandmarkMap
 from vislam_ros.core.step import KINDS
 from vislam_ros.data.pictures.results import plot_results
+from vislam_ros.data.results.file_names import OWNED_FILES
 from vislam_ros.data.results.reader import read_results
-from vislam_ros.data.results.writer import COVARIANCE_COLUMNS, OWNED_FILES, ResultWriter
+from vislam_ros.data.results.writer import COVARIANCE_COLUMNS, ResultWriter
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 

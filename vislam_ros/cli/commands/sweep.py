@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vislam_ros.cli.exit_codes import OK
+from vislam_ros.cli.grammar.paths import check_paths
 from vislam_ros.cli.lines import answer, tell
 from vislam_ros.cli.parameters import RunParameters, run_parameters
 from vislam_ros.cli.reading import read_input
@@ -47,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command."""
     described = _described(arguments)
     arguments.data, arguments.params = described.data, described.params
+    check_paths(argparse.Namespace(**vars(arguments) | {"reference": described.reference}))
     parameters = run_parameters(arguments)
     plan = _plan(described, parameters)
     for note in plan.unused_notes():

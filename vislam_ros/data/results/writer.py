@@ -25,6 +25,7 @@ from vislam_ros.data.files.json_file import write_json
 from vislam_ros.data.files.open_file import append, require_present
 from vislam_ros.data.files.parameter_file import write_parameters
 from vislam_ros.data.files.whole_file import make_directory, remove_directories, replace_file
+from vislam_ros.data.results.file_names import OWNED_FILES
 from vislam_ros.data.results.landmark_map import write_landmarks, write_point_cloud
 from vislam_ros.data.results.summary import RunSummary
 from vislam_ros.data.trajectory import Trajectory, stamp_text, tum_line, tum_text
@@ -40,29 +41,6 @@ COVARIANCE_COLUMNS = (
 
 #: Of ``parameter_changes.csv``, values as JSON has them.
 CHANGE_COLUMNS = ("stamp", "node", "parameter", "before", "value")
-
-#: All that a run, its evaluation and its pictures leave in a result directory.
-OWNED_FILES = (
-    "trajectory.tum",
-    "trajectory_covariance.csv",
-    "dead_reckoning.tum",
-    "smoothed.tum",
-    "smoothed_covariance.csv",
-    "steps.csv",
-    "parameter_changes.csv",
-    "landmarks.npz",
-    "landmarks.ply",
-    "params.yaml",
-    "summary.json",
-    "results.mcap",
-    *(
-        f"{name}.{kind}"
-        for name in ("trajectory", "steps", "estimates", "errors")
-        for kind in ("png", "svg")
-    ),
-    "report.html",
-    "findings.json",
-)
 
 _REFRESH_PERIOD = 1.0  # seconds
 
