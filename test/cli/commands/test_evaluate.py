@@ -125,6 +125,17 @@ def test_the_alignment_and_the_largest_difference_in_time_are_as_told(
     assert "0 poses of the reference lie within 0.025 s" in capsys.readouterr().err
 
 
+def test_poses_without_a_covariance_are_told(runs: Path, tmp_path: Path, capsys: Any) -> None:
+    reference = runs / "1.tum"
+    halved = shutil.copytree(runs / "run1", tmp_path / "halved")
+    table = halved / "trajectory_covariance.csv"
+    table.write_text("".join(table.read_text().splitlines(keepends=True)[:61]))
+    assert main(["evaluate", str(runs / "run1"), "--reference", str(reference)]) == 0
+    assert "covariance" not in capsys.readouterr().err
+    assert main(["evaluate", str(halved), "--reference", str(reference)]) == 0
+    assert "filtered: 60 of 120 poses have no covariance" in capsys.readouterr().err
+
+
 def test_a_straight_line_is_said_to_be_one(tmp_path: Path, capsys: Any) -> None:
     stamps = 100_000_000 * np.arange(50)
     positions = np.linspace(0, 60, 50)[:, None] * [1.0, 0.5, 0.0]

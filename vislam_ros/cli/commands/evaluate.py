@@ -79,6 +79,11 @@ def run(arguments: argparse.Namespace) -> int:
     for name, label, figures in rows:
         if figures["alignment_ambiguity"]:
             tell(f"note: {name}, {label}: {figures['alignment_ambiguity']}")
+        if missing := figures.get("covariances_missing"):
+            tell(
+                f"note: {name}, {label}: {missing} of {figures['poses']} poses have no "
+                "covariance, and count for no NEES: vislam verify tells more"
+            )
     _tell_next(arguments)
     return OK
 

@@ -13,7 +13,7 @@ from vislam_ros.data.bags.integrity import verify_bag
 from vislam_ros.data.bags.reader import read_passes
 from vislam_ros.data.image_sources import read_images
 from vislam_ros.data.images.bags.reader import matches as has_images
-from vislam_ros.data.results.reader import read_results
+from vislam_ros.data.results.faults import result_faults
 from vislam_ros.errors import VislamError
 
 
@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     path: Path = arguments.path
     is_result = path.is_dir() and not is_bag(path) and (path / "summary.json").exists()
     if is_result:
-        faults, notes = _result_faults(path), []
+        faults, notes = result_faults(path), []
     else:
         report = verify_bag(path)
         faults, notes = list(report.faults) or _reading_faults(arguments), list(report.notes)
@@ -54,33 +54,3 @@ def _reading_faults(arguments: argparse.Namespace) -> list[str]:
             f"is not damaged, but solve cannot read it: {str(error).removeprefix(f'{path}: ')}"
         ]
     return []
-
-
-def _result_faults(directory: Path) -> list[str]:
-    """What is missing in a result directory or contradicts its summary, a line each."""
-    try:
-        results = read_results(directory)
-    except VislamError as error:
-        return [str(error).removeprefix(f"{directory}: ")]
-    summary = results.summary
-    faults = []
-    if not summary.get("complete"):
-        faults.append(f"incomplete: {summary.get('incomplete_reason') or 'the run has not ended'}")
-    if summary.get("steps") != len(results.trajectory):
-        faults.append(
-            f"trajectory.tum holds {len(results.trajectory)} poses, summary.json says "
-            f"{summary.get('steps')}"
-        )
-    rows = len(results.steps["stamp"])
-    if rows != len(results.trajectory):
-        faults.append(f"steps.csv holds {rows} rows for {len(results.trajectory)} poses")
-    if results.landmarks is None:
-        faults.append("landmarks.npz is missing")
-    elif summary.get("landmarks") != len(results.landmarks):
-        faults.append(
-            f"landmarks.npz holds {len(results.landmarks)} landmarks, summary.json says "
-            f"{summary.get('landmarks')}"
-        )
-    if not results.parameters:
-        faults.append("params.yaml is missing")
-    return faults

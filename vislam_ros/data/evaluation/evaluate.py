@@ -81,7 +81,8 @@ def compare(
         means over all stretches of the path (None where there is none), and ``kitti_by_length``,
         those of each length (see :func:`~vislam_ros.data.evaluation.relative.stretch_errors`);
         with covariances, what
-        :func:`~vislam_ros.data.evaluation.consistency.consistency_figures` says.
+        :func:`~vislam_ros.data.evaluation.consistency.consistency_figures` says, and
+        ``covariances_missing``, of how many poses there is none.
 
     Raises
     ------
@@ -113,6 +114,8 @@ def compare(
     if covariances is not None:
         nees = normalised_errors(T_reference, T_estimate, covariances[j])
         result.update(consistency_figures(nees))
+        unknown = np.isnan(covariances[j]).any(axis=(1, 2))
+        result["covariances_missing"] = int(np.count_nonzero(unknown))
     return result
 
 

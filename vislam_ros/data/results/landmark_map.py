@@ -63,7 +63,12 @@ def read_landmarks(path: Path) -> LandmarkMap:
 
 
 def write_point_cloud(path: Path, landmarks: LandmarkMap) -> None:
-    """Write ``landmarks.ply``: x, y, z in metres and the id, as binary PLY that viewers open."""
+    """Write ``landmarks.ply``: see :func:`point_cloud`."""
+    replace_file(path, point_cloud(landmarks))
+
+
+def point_cloud(landmarks: LandmarkMap) -> bytes:
+    """x, y, z in metres and the id of each landmark, as binary PLY that viewers open."""
     points = np.empty(len(landmarks), dtype=_PLY_POINT)
     for axis, name in enumerate(("x", "y", "z")):
         points[name] = landmarks.positions[:, axis]
@@ -74,4 +79,4 @@ def write_point_cloud(path: Path, landmarks: LandmarkMap) -> None:
         "property float x\nproperty float y\nproperty float z\nproperty uint id\n"
         "end_header\n"
     )
-    replace_file(path, header.encode("ascii") + points.tobytes())
+    return header.encode("ascii") + points.tobytes()
