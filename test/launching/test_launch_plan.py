@@ -64,6 +64,17 @@ def test_a_robot_gets_the_two_nodes_and_what_it_asks_for() -> None:
     assert plan["rviz2"].package == "rviz2"
 
 
+def test_each_robot_gets_the_parameters_of_its_namespace(tmp_path: Path) -> None:
+    file = tmp_path / "robots.yaml"
+    robots = {f"/robot{n}/slam_node": {"ros__parameters": {"seed": n}} for n in (1, 2)}
+    file.write_text(yaml.dump(robots))
+    for number in (1, 2):
+        told = values(params_file=str(file), namespace=f"robot{number}")
+        assert by_name(planned(told))["slam_node"].parameters["seed"] == number
+    with pytest.raises(VislamError, match=r"^\S*robots.yaml: .* differ in seed: "):
+        planned(values(params_file=str(file)))
+
+
 def test_with_the_tracker_slam_node_hears_the_cameras_that_it_rectifies() -> None:
     plan = by_name(planned(values(use_tracker="true", bag="bag")))
     told = dict(plan["slam_node"].remappings)

@@ -4,10 +4,11 @@
 
 import argparse
 import dataclasses
+import difflib
 import os
 import re
 import sys
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from vislam_ros.data.bags.reader import ReadingRules
 from vislam_ros.data.files.parameter_file import node_parameters, read_parameters
 from vislam_ros.data.results.completeness import TRACKER
 from vislam_ros.data.results.landmark_map import read_landmarks
-from vislam_ros.errors import SettingsError
+from vislam_ros.errors import SettingsError, VislamError
 from vislam_ros.frontend.settings import TrackerSettings
 from vislam_ros.nodes.settings import (
     PredictionNodeSettings,
@@ -63,6 +64,8 @@ class RunParameters:
         How the nodes would take a bag's messages.
     tracker : TrackerSettings
         Of the tracks of images.
+    notes : tuple of str
+        What the file may not mean.
     """
 
     given: dict[str, dict[str, Any]]
@@ -71,6 +74,7 @@ class RunParameters:
     given_map: LandmarkMap | None
     reading: ReadingRules
     tracker: TrackerSettings
+    notes: tuple[str, ...] = ()
 
     @property
     def slam_values(self) -> dict[str, Any]:
@@ -117,7 +121,10 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
     given: dict[str, dict[str, Any]] = {}
     checked: dict[Any, Any] = {}
     for node in SETTINGS_OF_NODES:
-        own = node_parameters(content, node)
+        try:
+            own = node_parameters(content, node, getattr(arguments, "namespace", ""))
+        except VislamError as error:
+            raise VislamError(f"{file}: {error}") from error
         flags = overrides_of.get(node, {})
         own.update({name: value for name, value in flags.items() if value is not None})
         if node == TRACKER:
@@ -142,7 +149,16 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
         given_map=read_landmarks(Path(map_file)) if map_file else None,
         reading=_reading_rules(f"{file}: " if file else "", checked),
         tracker=checked[TrackerSettings],
+        notes=tuple(f"{file}: {note}" for note in _misspelt_nodes(content)),
     )
+
+
+def _misspelt_nodes(names: Iterable[str]) -> Iterator[str]:
+    """Notes on nodes of a file that are nearly ours; it may well be for others, too."""
+    nodes = {name.rpartition("/")[2] for name in names}
+    for node in sorted(nodes - SETTINGS_OF_NODES.keys()):
+        for ours in difflib.get_close_matches(node, SETTINGS_OF_NODES.keys() - nodes, 1, 0.8):
+            yield f"{node}: no node of ours, it changes nothing; did you mean {ours}?"
 
 
 def _reading_rules(where: str, checked: dict[Any, Any]) -> ReadingRules:
@@ -169,7 +185,9 @@ def _reading_rules(where: str, checked: dict[Any, Any]) -> ReadingRules:
 
 
 def report_unused(parameters: RunParameters) -> None:
-    """Print a line where parameters were set that the estimator does not use."""
+    """Print a line where parameters were set that the estimator, or none of the nodes, uses."""
+    for each in parameters.notes:
+        tell(f"note: {each}")
     note = unused_note(parameters.given["slam_node"])
     if note:
         tell(f"warning: slam_node: {note}")

@@ -13,7 +13,7 @@ from typing import Any
 from vislam_ros.data.bags import layout
 from vislam_ros.data.bags.calibration import RECTIFIED_RULES
 from vislam_ros.data.files.parameter_file import Parameters, node_parameters, read_parameters
-from vislam_ros.errors import SettingsError
+from vislam_ros.errors import SettingsError, VislamError
 
 #: Topics that ``config/vislam.rviz`` shows.
 SHOWN = (
@@ -111,6 +111,13 @@ def planned(values: Mapping[str, str]) -> list[Process]:
     return [*_nodes(values, given), *_player(values), *_rviz(values)]
 
 
+def _own_parameters(values: Mapping[str, str], given: Parameters, node: str) -> dict[str, Any]:
+    try:
+        return node_parameters(given, node, values["namespace"])
+    except VislamError as error:
+        raise VislamError(f"{values['params_file']}: {error}") from error
+
+
 def _nodes(values: Mapping[str, str], given: Parameters) -> Iterator[Process]:
     names = ["imu_prediction_node", "slam_node"]
     if _on(values, "use_tracker"):
@@ -118,7 +125,8 @@ def _nodes(values: Mapping[str, str], given: Parameters) -> Iterator[Process]:
     if values["results"]:
         names.append("recorder_node")
     for name in names:
-        parameters = node_parameters(given, name) | {"use_sim_time": _on(values, "use_sim_time")}
+        parameters = _own_parameters(values, given, name)
+        parameters |= {"use_sim_time": _on(values, "use_sim_time")}
         if name == "recorder_node":
             parameters |= {"directory": values["results"], "force": _on(values, "force")}
         if name == "stereo_tracker_node" and values["bag"]:

@@ -77,6 +77,32 @@ robot:
     assert node_parameters(parameters, "recorder_node") == {"seed": 1, "time_jump": 0.5}
 
 
+ROBOTS: Parameters = {
+    "**": {"seed": 1},
+    "robot1/slam_node": {"chi2_gate": 9.0},
+    "slam_node": {"chi2_gate": 4.0, "time_jump": 2.0},
+    "**/slam_node": {"chi2_gate": 1.0, "max_active": 7},
+    "robot2/slam_node": {"chi2_gate": 16.0},
+}
+
+
+@pytest.mark.parametrize(("namespace", "gate"), [("robot1", 9.0), ("/robot2/", 16.0)])
+def test_the_robot_that_is_told_counts_over_what_is_for_all(namespace: str, gate: float) -> None:
+    expected = {"seed": 1, "max_active": 7, "time_jump": 2.0, "chi2_gate": gate}
+    assert node_parameters(ROBOTS, "slam_node", namespace) == expected
+
+
+@pytest.mark.parametrize("namespace", ["", "/robot3"])
+def test_robots_that_differ_are_named_where_none_of_them_is_told(namespace: str) -> None:
+    two = {name: values for name, values in ROBOTS.items() if name != "slam_node"}
+    with pytest.raises(
+        VislamError, match=r"^/robot1/slam_node and /robot2/slam_node differ in chi"
+    ):
+        node_parameters(two, "slam_node", namespace)
+    two["robot1/slam_node"] = two["robot2/slam_node"]
+    assert node_parameters(two, "slam_node", namespace)["chi2_gate"] == 16.0
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -178,13 +178,40 @@ def _error(path: Path, node: yaml.Node, message: str) -> VislamError:
     return VislamError(f"{path}, line {node.start_mark.line + 1}: {message}")
 
 
-def node_parameters(parameters: Parameters, node: str) -> dict[str, Any]:
-    """Parameters of one node: those for every node, then its own, in whatever namespace."""
+def node_parameters(parameters: Parameters, node: str, namespace: str = "") -> dict[str, Any]:
+    """Parameters of one node: those for every node, for every namespace, then its own.
+
+    Its own are those of the namespace. Where there are none for that, or none is told, they are
+    those of whatever namespace.
+
+    Raises
+    ------
+    VislamError
+        Where they are of several namespaces and differ.
+    """
     result = dict(parameters.get("**", {}))
-    for name, values in parameters.items():
-        if name.rpartition("/")[2] == node:
-            result.update(values)
+    own = {name: each for name, each in parameters.items() if name.rpartition("/")[2] == node}
+    full_name = f"{namespace.strip('/')}/{node}"
+    if full_name in own:
+        own = {
+            name: each for name, each in own.items() if name in (node, full_name) or "*" in name
+        }
+    else:
+        _require_one({name: each for name, each in own.items() if "*" not in name})
+    for name in sorted(own, key=lambda name: (name == full_name, "*" not in name)):
+        result.update(own[name])
     return result
+
+
+def _require_one(own: Parameters) -> None:
+    """Refuse parameters of one node in several namespaces unless they are the same."""
+    first, *others = own or {"": {}}
+    for other in others:
+        for name in sorted(own[first].keys() | own[other].keys()):
+            if own[first].get(name) != own[other].get(name):
+                raise VislamError(
+                    f"/{first} and /{other} differ in {name}: tell --namespace, or keep one"
+                )
 
 
 def write_parameters(path: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
