@@ -118,7 +118,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         _spin(node, told_at)
     except (VislamError, RuntimeError, ParameterException) as error:
         with suppress(OSError):  # nobody may be left to hear it
-            print(f"error: {one_line(_reason(error))}", file=sys.stderr)
+            print(f"error: {one_line(ros_reason(error))}", file=sys.stderr)
         return 1
     finally:
         try_shutdown()
@@ -141,7 +141,7 @@ def spinning(node: Node) -> Iterator[None]:
                 caller.call_back(_POLL_SECONDS)
         except Exception as error:
             if node.context.ok():
-                node.get_logger().error(one_line(_reason(error)))
+                node.get_logger().error(one_line(ros_reason(error)))
 
     thread = threading.Thread(target=spin, name="executor")
     thread.start()
@@ -170,7 +170,7 @@ def init_ros(args: list[str] | None = None) -> None:
         try:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:
-            raise VislamError(_reason(error)) from error
+            raise VislamError(ros_reason(error)) from error
 
 
 @contextmanager
@@ -296,7 +296,7 @@ class _Caller:
                 raise
             self._failing_since = self._failing_since or time.monotonic()
             if time.monotonic() - self._failing_since > _LONGEST_SECONDS:
-                raise VislamError(f"cannot go on: {_reason(error)}") from error
+                raise VislamError(f"cannot go on: {ros_reason(error)}") from error
             self._pass_over(error)
         else:
             self._failing_since = None
@@ -307,7 +307,7 @@ class _Caller:
         self._passed_over[kind] += 1
         count = self._passed_over[kind]
         if count == 10 ** (len(str(count)) - 1):
-            reason = one_line(_reason(error))
+            reason = one_line(ros_reason(error))
             self._node.get_logger().error(f"passed over, {count} so far: {kind}: {reason}")
 
 
@@ -334,7 +334,7 @@ def _let_arrive(node: Node) -> None:
         publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
 
-def _reason(error: Exception) -> str:
+def ros_reason(error: Exception) -> str:
     """One line of an error, without the places in rcl's sources that passed it on."""
     lines = str(error).splitlines() or [type(error).__name__]
     text = lines[0].split(", at /")[0].removeprefix("failed to initialize rcl: ")

@@ -88,6 +88,40 @@ def test_arguments_of_ros_that_will_not_do_are_told_in_one_line(
     assert words in line
 
 
+@pytest.mark.parametrize(
+    ("flags", "words", "code"),
+    [
+        (
+            ("--remap", "/imu/twist:=/stereo/features"),
+            "/stereo/features: is sensor_msgs/msg/PointCloud2 and cannot be played as /stereo",
+            1,
+        ),
+        (
+            ("--remap", "/imu/twist:=a//b"),
+            "error: /imu/twist: cannot be played as a//b: ",
+            1,
+        ),
+        (
+            ("--remap", "/imu/twist:=/diagnostics"),
+            "and cannot be played as /diagnostics, which is diagnostic_msgs/msg/DiagnosticArray: ",
+            1,
+        ),
+        (("--remap", "__node:=a/b"), "error: Failed to parse ROS arguments: ", 1),
+        (("--rate", "1e300"), "argument --rate: 1e300 is not from 0 to 1e+06", 2),
+        (("--start-offset", "1e300"), "argument --start-offset: 1e300 is not from 0 to", 2),
+    ],
+)
+def test_wrong_usage_is_told_in_one_line(
+    start: Callable[..., Any], flags: tuple[str, ...], words: str, code: int
+) -> None:
+    process = start("--wait", "0", *flags)
+    _, errors = process.communicate(timeout=WAIT)
+    assert process.returncode == code, errors
+    assert words in errors.splitlines()[-1]
+    if code == 1:
+        assert len(errors.splitlines()) == 1
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
     ("flags", "begins"),

@@ -9,6 +9,7 @@ import sys
 from types import FrameType
 
 from rclpy.exceptions import ParameterException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import try_shutdown
 
 from vislam_ros.cli.exit_codes import INTERRUPTED, OK
@@ -20,7 +21,7 @@ from vislam_ros.errors import VislamError
 from vislam_ros.nodes.player.keys import RIGHT_ARROW, SPACE, watch_keys
 from vislam_ros.nodes.player.options import PlayOptions, PlayReport
 from vislam_ros.nodes.player.player import Player
-from vislam_ros.nodes.spin import init_ros
+from vislam_ros.nodes.spin import init_ros, ros_reason
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -34,8 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             try:
                 player = Player(bag, options)
-            except ParameterException as error:
-                raise VislamError(str(error).splitlines()[0]) from error
+            except (ParameterException, rclpy_implementation.RCLError) as error:
+                raise VislamError(ros_reason(error)) from error
             try:
                 report = _play(player, bag, options)
             finally:

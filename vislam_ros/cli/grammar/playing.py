@@ -14,6 +14,9 @@ from vislam_ros.cli.grammar.shared import (
     add_rate,
 )
 
+# Stamps go no farther than some 290 years [s].
+_LONGEST = 9.2e9
+
 
 def add_play(commands: Commands) -> None:
     """Add the command that plays a bag."""
@@ -36,7 +39,7 @@ services: player/pause, player/resume, player/step (std_srvs/Trigger)
     add_rate(parser)
     parser.add_argument(
         "--start-offset",
-        type=number_from(0),
+        type=number_from(0, _LONGEST),
         default=PLAY.start_offset,
         metavar="S",
         help="begin so many seconds into the bag; latched topics are sent all the same",

@@ -10,6 +10,8 @@ from vislam_ros.cli.grammar.argument_types import number_from, remapping
 from vislam_ros.nodes.player.options import PlayOptions
 
 PLAY = PlayOptions()
+# So much faster than real time the clock of a player stays within ROS's; 0 has no limit.
+_FASTEST = 1e6
 # As in vislam_ros.data.simulation.images, and vislam_ros.data.datasets.conventions, which take
 # longer to import than --help should.
 SCENES = ("street", "room")
@@ -134,7 +136,7 @@ def add_rate(parser: argparse.ArgumentParser) -> None:
     """Add how fast to play."""
     parser.add_argument(
         "--rate",
-        type=number_from(0),
+        type=number_from(0, _FASTEST),
         default=PLAY.rate,
         metavar="R",
         help=f"times real time; 0: as fast as the graph takes it, losing nothing ({PLAY.rate:g})",

@@ -3,16 +3,33 @@
 """Where a player sends the topics of a bag: their publishers, and who takes what they send."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from vislam_ros.data.bags.bag_messages import BagConnection
-from vislam_ros.data.bags.layout import IMAGES, LATCHED_QOS, STREAM_QOS, TOPICS, Topic
+from vislam_ros.data.bags.layout import (
+    CLOCK,
+    DIAGNOSTICS,
+    IMAGES,
+    LATCHED_QOS,
+    ODOMETRY,
+    PLAYER,
+    STREAM_QOS,
+    TOPICS,
+    Topic,
+)
 from vislam_ros.data.bags.naming import namespace_of, played_name
+from vislam_ros.errors import VislamError
+from vislam_ros.nodes.spin import ros_reason
 from vislam_ros.nodes.topics import message_class, qos_overrides, qos_profile
+
+# What the player itself publishes and hears.
+_OF_PLAYER = (DIAGNOSTICS, ODOMETRY, PLAYER, CLOCK)
 
 
 @dataclass
@@ -81,10 +98,16 @@ def make_outlets(
         Topics as the bag calls them.
     renamed : mapping of str to str
         Other names under which to play some of them.
+
+    Raises
+    ------
+    VislamError
+        Where a name is none, or two topics of different types would have the same.
     """
     recorded = [connection.topic for connection in connections]
     namespace = namespace_of(node.get_namespace())
     outlets = {}
+    types = {node.resolve_topic_name(topic.name): topic.msgtype for topic in _OF_PLAYER}
     for connection in sorted(connections, key=lambda connection: connection.topic):
         topic = connection.topic
         if topic not in chosen:
@@ -96,7 +119,8 @@ def make_outlets(
             )
             continue
         name = renamed.get(topic) or played_name(topic, recorded, namespace)
-        with qos_overrides(name) as overrides:
+        with _clear_errors(topic, name), qos_overrides(name) as overrides:
+            _require_one_type(node.resolve_topic_name(name), connection, types)
             publisher = node.create_publisher(
                 cls,
                 name,
@@ -109,6 +133,26 @@ def make_outlets(
     for role, topic in _roles(node, outlets, namespace):
         outlets[topic].role = role
     return outlets
+
+
+def _require_one_type(name: str, connection: BagConnection, types: dict[str, str]) -> None:
+    """Refuse to play topics of different types as one; ``types`` are those of names so far."""
+    msgtype = types.setdefault(name, connection.msgtype)
+    if msgtype != connection.msgtype:
+        raise VislamError(
+            f"{connection.topic}: is {connection.msgtype} and cannot be played as {name}, which "
+            f"is {msgtype}: choose another name in --remap"
+        )
+
+
+@contextmanager
+def _clear_errors(topic: str, name: str) -> Iterator[None]:
+    try:
+        yield
+    except (NameValidationException, RuntimeError) as error:
+        raise VislamError(
+            f"{topic}: cannot be played as {name}: {ros_reason(error)}: see --remap"
+        ) from error
 
 
 def sought_by(node: Node, outlets: Iterable[Outlet | None]) -> list[str]:
