@@ -8,7 +8,7 @@ import pytest
 
 from vislam_ros.cli.parameters import RunParameters, report_unused, run_parameters
 from vislam_ros.cli.parser import build_parser
-from vislam_ros.errors import VislamError
+from vislam_ros.errors import SettingsError, VislamError
 
 ROBOTS = """\
 /robot1/slam_node: {ros__parameters: {chi2_gate: 9.0}}
@@ -33,6 +33,23 @@ def test_of_several_robots_one_must_be_named(tmp_path: Path) -> None:
     words = "params.yaml: /robot1/slam_node and /robot2/slam_node differ in chi2_gate: "
     with pytest.raises(VislamError, match=words):
         parameters(tmp_path, ROBOTS)
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (("--estimator=:",), "^--estimator: ':': "),
+        (("--estimator=no_such:Thing",), "^--estimator: 'no_such:Thing': no_such cannot be"),
+        (("--seed", "9" * 23), "^--seed: 9{23}"),
+        ((), r"params\.yaml: slam_node: chi2_gate: "),
+    ],
+)
+def test_an_error_names_the_flag_or_the_file_that_it_is_in(
+    flags: tuple[str, ...], words: str, tmp_path: Path
+) -> None:
+    text = f"slam_node: {{ros__parameters: {{chi2_gate: {9.0 if flags else -9.0}}}}}\n"
+    with pytest.raises(SettingsError, match=words):
+        parameters(tmp_path, text, *flags)
 
 
 def test_a_misspelt_node_is_told_and_somebody_elses_is_not(

@@ -84,7 +84,8 @@ def test_comments_and_empty_lines_are_passed_over(tmp_path: Path) -> None:
         ("1.0 nan 2 3 0 0 0 1\n", "line 1"),
         ("1.0 1 2 3 0 0 0 0\n", "line 1"),
         ("inf 1 2 3 0 0 0 1\n", "line 1"),
-        ("2.0 1 2 3 0 0 0 1\n2.0 1 2 3 0 0 0 1\n", "line 2 has stamp 2.0, not later"),
+        ("2.0 1 2 3 0 0 0 1\n2.0 1 2 3 0 0 0 1\n", "line 2 has stamp 2.0, .* leave one of"),
+        ("2.0 1 2 3 0 0 0 1\n1.0 1 2 3 0 0 0 1\n", "line 2 has stamp 1.0, .* sort the file"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, content: str, message: str) -> None:

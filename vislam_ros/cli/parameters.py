@@ -46,6 +46,14 @@ SETTINGS_OF_NODES: dict[str, tuple[Any, ...]] = {
 }
 """The nodes' own; slam_node has those of its estimator, too."""
 
+# Of the parameters that they are put over.
+_FLAGS = {
+    "estimator": "--estimator",
+    "feature_fraction": "--fraction",
+    "seed": "--seed",
+    "map_file": "--map",
+    "motion_source": "--motion-source",
+}
 _OF_EVERY_NODE = re.compile(r"use_sim_time|qos_overrides\..+")
 
 
@@ -135,6 +143,9 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
             given[node] = {**_among(everyones, known | _of_every_node(everyones)), **own}
             checked.update(_checked(node, known, given[node]))
         except SettingsError as error:
+            name, _, reason = str(error).partition(": ")
+            if flags.get(name) is not None:
+                raise SettingsError(f"{_FLAGS[name]}: {reason}") from error
             raise SettingsError(f"{f'{file}: ' if file else ''}{node}: {error}") from error
     slam = checked[SlamSettings]
     if isinstance(slam, GivenMapSettings) and not slam.map_file:

@@ -181,7 +181,7 @@ def parse_tum(lines: Iterable[tuple[int, str]], path: Path) -> Trajectory:
         if stamps and stamp <= stamps[-1]:
             raise VislamError(
                 f"{path}: line {number} has stamp {fields[0]}, not later than the line before: "
-                "sort the file by time"
+                f"{'leave one of the two out' if stamp == stamps[-1] else 'sort the file by time'}"
             )
         stamps.append(stamp)
         rows.append(row)

@@ -4,6 +4,7 @@
 
 import re
 
+import mcap.writer
 import pytest
 from rewriting import JUNK, STORE
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -161,3 +162,17 @@ def test_messages_of_a_type_that_the_bag_defines_otherwise_are_refused(tmp_path)
         with pytest.raises(RefusedMessage) as error:
             messages.decode(connection, data)
     assert error.value.refusal is Refusal.UNDECODABLE
+
+
+def test_a_quality_of_service_that_lacks_a_key_is_said_to(tmp_path):
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = mcap.writer.Writer(file)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Empty", "ros2msg", b"")
+        quality = {"offered_qos_profiles": "- history: 3\n  reliability: 1\n"}
+        channel = writer.register_channel("/said", "cdr", schema, quality)
+        writer.add_message(channel, 1, b"\0\1\0\0\0", 1)
+        writer.finish()
+    with pytest.raises(VislamError, match=r"bag\.mcap: .* its metadata lacks 'depth', of a topic"):
+        read_all(path)

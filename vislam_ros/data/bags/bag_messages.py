@@ -237,6 +237,8 @@ class BagMessages:
 
     def _unreadable(self, error: Exception) -> VislamError:
         reason = " ".join(str(error).split()) or type(error).__name__
+        if isinstance(error, KeyError):  # all that it says is the key
+            reason = f"its metadata lacks {reason}, of a topic or of its QoS"
         return VislamError(f"{self.path}: cannot read this bag: {reason}")
 
 

@@ -23,7 +23,8 @@ _ROTATION_TOLERANCE = 1e-3
 def read_fields(path: Path) -> dict[str, Array]:
     """Numbers of each line by its name; ``P0``, ``P1`` and so on where lines have none.
 
-    Lines that hold no numbers, such as the date of the calibration, are passed over.
+    Lines that hold no numbers, such as the date of the calibration, are passed over. What is no
+    number among others is NaN.
 
     Raises
     ------
@@ -34,13 +35,17 @@ def read_fields(path: Path) -> dict[str, Array]:
     for _, line, _ in read_lines(path, "this calibration"):
         name, colon, rest = line.partition(":")
         texts = (rest if colon else line).split()
-        try:
-            numbers = np.array([float(text) for text in texts])
-        except ValueError:
-            continue
-        if len(numbers):
+        numbers = np.array([_number(text) for text in texts])
+        if not np.all(np.isnan(numbers)):
             fields[name.strip() if colon else f"P{len(fields)}"] = numbers
     return fields
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
 
 
 def numbers(path: Path, fields: Fields, name: str, count: int) -> Array:
@@ -55,10 +60,11 @@ def numbers(path: Path, fields: Fields, name: str, count: int) -> Array:
     if values is None:
         has = ", ".join(fields) or "no line of numbers"
         raise VislamError(f"{path}: has no {name}: it has {has}")
-    if len(values) != count or not np.all(np.isfinite(values)):
-        raise VislamError(
-            f"{path}: {name} holds {len(values)} numbers, not {count}, or one is not finite"
-        )
+    if len(values) != count:
+        raise VislamError(f"{path}: {name} holds {len(values)} numbers, not {count}")
+    if not np.all(np.isfinite(values)):
+        place = 1 + int(np.argmin(np.isfinite(values)))
+        raise VislamError(f"{path}: {name}: number {place} is no finite number")
     return values
 
 

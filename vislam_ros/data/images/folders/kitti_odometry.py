@@ -66,6 +66,11 @@ def read(path: Path) -> StereoImages:
     fields = read_fields(calibration)
     left, place_left = projection(calibration, fields, P_left)
     right, place_right = projection(calibration, fields, P_right)
+    if not place_right[0] > place_left[0]:
+        raise VislamError(
+            f"{calibration}: {P_right} has the right camera {place_right[0] - place_left[0]:g} m "
+            f"to the right of that of {P_left}: its fourth number must be smaller"
+        )
     numbers, files = numbered_pairs(path / left_folder, path / right_folder, notes)
     pairs = FilePairs(files)
     times = _times(path / "times.txt", numbers)
