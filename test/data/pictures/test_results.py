@@ -94,7 +94,8 @@ def test_paths_that_lie_on_each_other_are_all_seen(
                 ("reference", palette.REFERENCE),
             )
         }
-        paths = [line for line in from_below if line.get_linewidth() in widths.values()]
+        of_paths = {palette.ESTIMATE, palette.SMOOTHED, palette.REFERENCE}
+        paths = [line for line in from_below if line.get_color() in of_paths]
         assert list(widths.values()) == sorted(widths.values(), reverse=True)
         assert [line.get_color() for line in paths if line.get_marker() == "None"][-3:] == [
             palette.ESTIMATE,
