@@ -101,9 +101,10 @@ class DenseRobocentricFilter(DenseState):
             twist, variances = self.walk(tau)
             if measured is not None:
                 self.measure_twist(measured, blind=i > 0 or self.saw_nothing)
-            in_doubt = self.doubted.any() or not self.told_twist
+            is_measured = measured is not None and bool(np.isfinite(measured).all())
             is_last = i == len(increment.parts) - 1
-            self.move(tau, self.shown_twist(frame, tau) if in_doubt and is_last else None)
+            is_known = self.told_twist or is_measured or not is_last
+            self.move(tau, None if is_known else self.shown_twist(frame, tau))
         keys = frame.keys.tolist()
         self.saw_nothing = not keys
         known = [i for i, key in enumerate(keys) if key in self.place_of_key]

@@ -24,7 +24,7 @@ taken sample by sample, and where samples are missing, 3 is left out:
 3. The prediction's mean twist measures the body's (without a frame in between: unforeseen_walk).
 4. The body moves, and landmarks are warped by the same and the drift, ``P <- F P F^T``: all noise
    is in the vehicle state already. Those that come behind the camera are marginalized before.
-   Where the last frame has left the twist in doubt, or told none, this is linearized about the one
+   Where nothing has told the velocity, the last frame neither, this is linearized about the twist
    that the present frame shows: an iteration of an iterated EKF (Bell and Cathey, 1993).
 5. The frame's image points correct everything, but for those that gates reject, of a frame or of
    all of a track's together. What is far off for its track counts for less.
@@ -59,7 +59,7 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.linalg import gating
-from vislam_ros.core.motion import Increment, Twist
+from vislam_ros.core.motion import Increment, Twist, measures_velocity
 from vislam_ros.core.noise.frame_rate import FrameRate
 from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.noise.track_noise import TrackNoise
@@ -165,7 +165,6 @@ class RobocentricFilter:
         """Take a step, in the order of the text above."""
         self._marginalize(is_member(self.keys, np.concatenate([frame.ended, self._rejected])))
         behind_camera = self._rejected = self.keys[:0]
-        in_doubt = bool(self._doubted.any()) or not self._told_twist
         if self._doubted.any():
             self._apply(model.doubt_of_twist(self._state.vehicle_covariance, self._doubted))
         parts = model.motions_of(increment)
@@ -175,7 +174,8 @@ class RobocentricFilter:
             twist, variances = self._walk(tau)
             if measured is not None:
                 self._measure_twist(measured, blind=i > 0 or self._saw_nothing)
-            shown = self._shown_twist(frame, tau) if in_doubt and i == len(parts) - 1 else None
+            is_known = self._told_twist or (measured is not None and measures_velocity(measured))
+            shown = None if is_known or i < len(parts) - 1 else self._shown_twist(frame, tau)
             behind_camera = np.concatenate([behind_camera, self._move(tau, shown)])
         self._saw_nothing = not len(frame.keys)
         slots, factors = self._seen(frame)

@@ -296,7 +296,7 @@ def motion_of(
     by_twist = tau * se3.right_jacobian(tau * vehicle.twist)
     by_body_twist = tau * se3.right_jacobian(tau * vehicle.body_twist)
     A = np.eye(SIZE)
-    A[POSE, POSE] = se3.adjoint(se3.exp(-tau * vehicle.body_twist))
+    A[POSE, POSE] = se3.adjoint(se3.inverse(se3.exp(tau * vehicle.body_twist)))
     A[POSE] += by_body_twist @ BODY_TWIST_ROWS
     shift, shift_new = radial_shift(camera, y), radial_shift(camera, warped.y)
     coupling = _coupling(warped.G, by_twist, warped.F_y, shift, shift_new)
