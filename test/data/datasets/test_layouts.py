@@ -108,3 +108,9 @@ def test_zeros_in_place_of_minus_one_are_unobserved_with_a_note(tmp_path, drive)
     assert note.startswith(f"{entries - len(drive.ids)} of {entries} entries of features (")
     assert note.endswith("are 0 0 0 0: read as unobserved, which is -1 -1 -1 -1.")
     assert_same(dataclasses.replace(zeros, notes=()), straight)
+
+
+def test_features_of_zeros_alone_are_refused(tmp_path, drive):
+    content = course_content(drive)
+    with pytest.raises(VislamError, match="features holds zeros alone: write the observations"):
+        read(tmp_path / "empty.npz", content, features=np.zeros_like(dense_features(drive)))

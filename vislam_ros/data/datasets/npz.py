@@ -258,6 +258,11 @@ def _features(
     if shape[axes[1]] > np.iinfo(np.uint32).max:
         raise wrong_shape(path, FEATURES, shape, "of at most 4294967295 tracks")
     features = gather_observations(arrays[FEATURES], progress, axes=axes)
+    if features.empty and not len(features.ids):
+        raise VislamError(
+            f"{path}: {FEATURES} holds zeros alone: write the observations into it, -1 -1 -1 -1 "
+            "where there is none"
+        )
     if features.empty:
         entries = shape[axes[1]] * steps
         share = features.empty / entries
