@@ -221,7 +221,7 @@ class Monitor:
         self.refused.merge(news)
         for word in news.counts:
             count = self.refused.counts[word]
-            if len(str(before[word])) < len(str(count)) or before[word] == 0:
+            if is_told(before[word], count):
                 reason = detail or refusal_of(word).text
                 self._node.get_logger().warning(
                     f"refused {count} message(s) so far as {word}: {reason}"
@@ -286,6 +286,11 @@ class Monitor:
         self._last_report, self._last_refused = now, total
         self._last_received = self._received.copy()
         self._reported_inputs = self.inputs
+
+
+def is_told(before: int, count: int) -> bool:
+    """Whether a log tells of a count: the first, the 10th, the 100th, ... of a kind."""
+    return len(str(before)) < len(str(count)) or before == 0
 
 
 def _decoded(topic: Topic, message_type: Any, data: bytes) -> Any:

@@ -32,7 +32,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
 from vislam_ros.errors import OutputError, VislamError, one_line
-from vislam_ros.nodes.diagnostics import Monitor
+from vislam_ros.nodes.diagnostics import Monitor, is_told
 
 try:
     from rclpy.experimental.events_executor import EventsExecutor
@@ -304,9 +304,9 @@ class _Caller:
     def _pass_over(self, error: Exception) -> None:
         """Log the first of a kind, then the 10th, the 100th, ..."""
         kind = type(error).__name__
-        self._passed_over[kind] += 1
-        count = self._passed_over[kind]
-        if count == 10 ** (len(str(count)) - 1):
+        before = self._passed_over[kind]
+        self._passed_over[kind] = count = before + 1
+        if is_told(before, count):
             reason = one_line(ros_reason(error))
             self._node.get_logger().error(f"passed over, {count} so far: {kind}: {reason}")
 

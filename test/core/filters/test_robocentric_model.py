@@ -22,14 +22,14 @@ def test_the_transition_is_the_motions_derivative_by_finite_differences() -> Non
     rng = np.random.default_rng(71)
     left = rng.uniform([300, 100], [900, 250], (2, 2))
     y = np.column_stack([left[:, 0], left[:, 0] - rng.uniform(5, 30, 2), left[:, 1]])
-    warped, transition = model.motion_of(CAMERA, y, VEHICLE, SECONDS)
+    _, warped, transition = model.motion_of(CAMERA, y, VEHICLE, SECONDS)
     motion = se3.exp(SECONDS * VEHICLE.body_twist)
     D, D_new = radial_shift(CAMERA, y), radial_shift(CAMERA, warped.y)
 
     def error_after(error: Array) -> Array:
         true = VEHICLE.shifted(error[: model.SIZE])
         true_twist, kappa = true.twist, error[model.LENS]
-        moved = true.moved(SECONDS).T_world_body
+        moved = true.moved(se3.exp(SECONDS * true.body_twist)).T_world_body
         true_y = y + error[model.SIZE :].reshape(2, 3) + kappa * D
         seen = warp(CAMERA, true_y, se3.exp(SECONDS * true_twist)).y
         after = error.copy()

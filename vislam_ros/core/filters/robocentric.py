@@ -178,10 +178,10 @@ class RobocentricFilter:
             shown = None if is_known or i < len(parts) - 1 else self._shown_twist(frame, tau)
             behind_camera = np.concatenate([behind_camera, self._move(tau, shown)])
         self._saw_nothing = not len(frame.keys)
-        slots, factors = self._seen(frame)
-        known = slots >= 0
+        seen = slots, factors = self._seen(frame)
+        known, y = slots >= 0, self.image_points
         try:
-            outcome = self._correct(frame.keys[known], self._innovations(frame, self.image_points))
+            outcome = self._correct(frame.keys[known], self._innovations(frame, seen, y))
             self._rejected = outcome.rejected
         except np.linalg.LinAlgError:
             # Rounding has cost S its positivity. Give these landmarks up rather than the drive.
@@ -266,26 +266,23 @@ class RobocentricFilter:
         self._shift(self._apply(correction).delta)
 
     def _move(self, tau: float, about: Array | None) -> Keys:
-        """Move the body and warp every landmark; return the keys of those behind the camera.
-
-        All of it is linearized about the twist believed, or about another one (6,).
-        """
+        """Move by the twist, linearized about another (6,) if given; return keys behind camera."""
         believed = self.vehicle.twist
         vehicle = self.vehicle if about is None else replace(self.vehicle, twist=about)
-        warped, transition = model.motion_of(self._camera, self.image_points, vehicle, tau)
+        moved, warped, transition = model.motion_of(self._camera, self.image_points, vehicle, tau)
         if len(behind_camera := self.keys[~warped.ahead]):
             self._marginalize(~warped.ahead)
-            warped, transition = model.motion_of(self._camera, self.image_points, vehicle, tau)
+            _, warped, transition = model.motion_of(self._camera, self.image_points, vehicle, tau)
         self._apply(transition)
-        self.vehicle, self.image_points = vehicle.moved(tau), warped.y
+        self.vehicle, self.image_points = moved, warped.y
         if about is not None:
             self._shift(transition.moved(TWIST, believed - about))
         return behind_camera
 
     def _shown_twist(self, frame: TrackedFrame, tau: float) -> Array | None:
         """Twist (6,) that a frame shows, tau seconds from now; None where it shows none."""
-        warped, transition = model.motion_of(self._camera, self.image_points, self.vehicle, tau)
-        innovations = self._innovations(frame, warped.y)
+        _, warped, transition = model.motion_of(self._camera, self.image_points, self.vehicle, tau)
+        innovations = self._innovations(frame, self._seen(frame), warped.y)
         if not (len(innovations.slots) and warped.ahead.all()):
             return None
         state = ErrorState(self._state.covariance, SIZE)
@@ -302,9 +299,11 @@ class RobocentricFilter:
         factors = self._track_noise.factors(frame.noise, len(frame.keys))
         return indices_of(frame.keys, self.keys), factors
 
-    def _innovations(self, frame: TrackedFrame, y: Array) -> Innovations:
+    def _innovations(
+        self, frame: TrackedFrame, seen: tuple[Slots, Array], y: Array
+    ) -> Innovations:
         """Those of a frame's known landmarks, whose image points (m, 3) are expected at y."""
-        slots, factors = self._seen(frame)
+        slots, factors = seen
         known = slots >= 0
         slots, tracks = slots[known], self._track_noise
         noise = tracks.variances(slots, factors[known])

@@ -125,9 +125,8 @@ class Vehicle:
             self.drift + delta[DRIFT],
         )
 
-    def moved(self, tau: float) -> "Vehicle":
-        """Return where it is after tau seconds."""
-        motion = se3.exp(tau * self.body_twist)
+    def moved(self, motion: Array) -> "Vehicle":
+        """Return where it is after a motion (4, 4)."""
         return replace(self, T_world_body=self.T_world_body @ motion)
 
 
@@ -290,17 +289,18 @@ def learn_motion(
 
 def motion_of(
     camera: StereoCamera, y: Array, vehicle: Vehicle, tau: float
-) -> tuple[Warp, Transition]:
-    """What a vehicle's twist makes of image points (n, 3) in tau seconds, and F of it."""
+) -> tuple[Vehicle, Warp, Transition]:
+    """What a vehicle's twist makes of it and of image points (n, 3) in tau seconds, and F."""
+    motion = se3.exp(tau * vehicle.body_twist)
     warped = warp(camera, y, se3.exp(tau * vehicle.twist))
     by_twist = tau * se3.right_jacobian(tau * vehicle.twist)
     by_body_twist = tau * se3.right_jacobian(tau * vehicle.body_twist)
     A = np.eye(SIZE)
-    A[POSE, POSE] = se3.adjoint(se3.inverse(se3.exp(tau * vehicle.body_twist)))
+    A[POSE, POSE] = se3.adjoint(se3.inverse(motion))
     A[POSE] += by_body_twist @ BODY_TWIST_ROWS
     shift, shift_new = radial_shift(camera, y), radial_shift(camera, warped.y)
     coupling = _coupling(warped.G, by_twist, warped.F_y, shift, shift_new)
-    return warped, Transition(A, warped.F_y, coupling)
+    return vehicle.moved(motion), warped, Transition(A, warped.F_y, coupling)
 
 
 @compiled(

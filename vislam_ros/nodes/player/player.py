@@ -304,9 +304,9 @@ class Player(Node):
             if self.clock.interrupted or not self.count_publishers(self._odometry.topic_name):
                 return
             before = window.progress
-            self.clock.wait_for(self._has_answers, STALL_SECONDS)
-            stalls = window.progress == before and not self._has_answers()
-            if stalls and not (self.clock.interrupted or self._graph.is_busy()):
+            has_answers = self.clock.wait_for(self._has_answers, STALL_SECONDS)
+            moved_on = has_answers or window.progress != before
+            if not (moved_on or self.clock.interrupted or self._graph.is_busy()):
                 self.get_logger().warning(
                     f"{self._odometry.topic_name} has not answered {window.waiting} feature "
                     f"frame(s) for {STALL_SECONDS:g} s: going on without"
