@@ -29,9 +29,18 @@ try:
 except KeyboardInterrupt:
     print("good-bye", time.monotonic_ns(), flush=True)
 """
+WRITER = """\
+import signal, sys, time
+def end(*_):
+    print("good-bye", time.monotonic_ns(), flush=True)
+    sys.exit()
+signal.signal(signal.SIGUSR1, end)
+print("ready", flush=True)
+time.sleep(1000)
+"""
 DEAF = """\
 import signal, time
-for number in (signal.SIGINT, signal.SIGTERM):
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
     signal.signal(number, signal.SIG_IGN)
 print("ready", flush=True)
 time.sleep(1000)
@@ -271,8 +280,8 @@ def start_children(tmp_path):
     return start
 
 
-def test_the_child_that_writes_ends_after_the_others(start_children):
-    children, (writer, other) = start_children(POLITE, POLITE)
+def test_the_child_that_writes_is_told_after_the_others_that_it_is_the_last(start_children):
+    children, (writer, other) = start_children(WRITER, POLITE)
     children.end(writer=writer)
     assert [child.exit_code for child in (writer, other)] == [0, 0]
     times = [int(child.log.read_text().split()[-1]) for child in (writer, other)]

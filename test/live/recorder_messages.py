@@ -85,6 +85,8 @@ def tick_until_finished(recorder: RecorderNode) -> None:
     deadline = time.monotonic() + 20
     while not recorder.recording.finished and time.monotonic() < deadline:
         recorder.on_tick()
+        if recorder.is_told_to_end:
+            recorder.wind_up(hurried=False)  # nothing waits here
         time.sleep(0.01)
     assert recorder.recording.finished
 

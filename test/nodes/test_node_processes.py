@@ -38,6 +38,7 @@ from vislam_ros.data.bags.layout import (
 )
 from vislam_ros.data.trajectory import tum_line
 from vislam_ros.nodes import conversions
+from vislam_ros.nodes.spin import LAST
 from vislam_ros.nodes.topics import LATCHED, STREAM, message_class
 
 
@@ -85,7 +86,9 @@ def test_a_node_tells_how_it_is_started(processes, flag):
     assert words.startswith("usage: imu_prediction_node [--ros-args ")
 
 
-@pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 3])
+@pytest.mark.parametrize(
+    "signals", [[signal.SIGINT], [signal.SIGTERM], [LAST], [signal.SIGINT] * 3]
+)
 def test_signals_end_a_node_with_0_and_without_a_traceback(processes, probe, signals):
     process = processes.start("nodes.imu_prediction_node", "--ros-args", "-p", "time_jumb:=2.0")
     wait_until(lambda: probe.count_subscribers(TWIST.name), "the start of the node")

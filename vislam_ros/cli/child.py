@@ -33,7 +33,7 @@ _GRACE_SECONDS = 5.0
 def _end_with_parent(told: "queue.SimpleQueue[bytes]") -> None:
     # Of a process that is just made to go on, the kernel gives a signal to any thread that takes
     # it, and the main one would sleep on.
-    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1))
     line = b""
     while part := os.read(0, 65536):
         line += part

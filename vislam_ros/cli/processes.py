@@ -23,8 +23,8 @@ from vislam_ros.errors import VislamError
 
 # What a child gets to end by itself before the next, less friendly signal.
 _ENDING = ((signal.SIGINT, 1.0), (signal.SIGKILL, 3.0))
-# One that has files to close.
-_CLOSING = ((signal.SIGINT, 10.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
+# One that has files to close, and then is the last one: see vislam_ros.nodes.spin.
+_CLOSING = ((signal.SIGUSR1, 10.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 
 
 class Child:

@@ -288,7 +288,7 @@ class RecorderNode(Node):
 
     def _is_quiet(self, now: float) -> bool:
         """Whether the recorder was told to end and nothing comes any more."""
-        return self._ending is not None and self._ending.is_quiet(now, self.monitor.inputs)
+        return self._ending is not None and self._ending.is_quiet(now)
 
     def _has_player(self) -> bool:
         return self._player[0] != "absent"
@@ -349,16 +349,16 @@ class RecorderNode(Node):
         return self._ending is not None
 
     def wind_up(self, *, hurried: bool) -> bool:
-        """End the recording; tell whether it has ended. Hurried, it ends as it stands."""
+        """End the recording; tell whether it has. Hurried, it ends with what has come."""
         self.finish()
-        if not self._winds_up:
-            self._winds_up = True
-        elif self._ending is not None:
+        is_empty, self._winds_up = self._winds_up, True
+        if is_empty and hurried and not self.recording.finished:
+            self._conclude()
+        elif is_empty and self._ending is not None:
             names = (self.resolve_topic_name(topic.name) for topic in (ODOMETRY, PREDICTION))
             more_may_come = any(map(self.count_publishers, names))
-            self._ending.note_empty(time.monotonic(), more_may_come=more_may_come)
-        if hurried and not self.recording.finished:
-            self._conclude()
+            inputs = self.monitor.inputs
+            self._ending.note_empty(time.monotonic(), inputs, more_may_come=more_may_come)
         return self.recording.finished
 
     def _describe(self) -> tuple[str, dict[str, object]]:

@@ -39,7 +39,10 @@ try:
 except ImportError:  # before 7.1.4
     EventsExecutor = SingleThreadedExecutor
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+LAST = signal.SIGUSR1
+"""Tells a node to end, and that nobody is left of its graph who could answer it."""
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, LAST)
 # How soon a signal, or the end, is noticed where nothing else happens. rclpy's executor must not
 # be let wait without an end: it would do so in a busy loop.
 _POLL_SECONDS = 0.05
@@ -57,7 +60,7 @@ class WindsUp(Protocol):
         """Tell whether the node may end; it is spun, and asked again, until it may.
 
         But for the first time it is asked when nothing waits to be taken. It is hurried where it
-        was told again.
+        was told again, or is the last one.
         """
 
 
@@ -84,8 +87,9 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
 
     The first signal lets the callback at work finish. Then a node that :class:`WindsUp` does so,
     and hurries if another signal comes, but for one that comes at once: a terminal and a launcher
-    may both send the first. What any node has published gets a moment to arrive. A node that
-    has files or threads to finish does so in ``destroy_node``.
+    may both send the first. :data:`LAST` hurries it from the start. What any node has published
+    gets a moment to arrive. A node that has files or threads to finish does so in
+    ``destroy_node``.
 
     Parameters
     ----------
@@ -98,11 +102,11 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     int
         0 after a signal or ``--help``, 1 where the node could not start or could not go on.
     """
-    told_at: list[float] = []
+    told = _Told()
 
-    def on_signal(_signal: int, _frame: FrameType | None) -> None:
+    def on_signal(number: int, _frame: FrameType | None) -> None:
         # rclpy's own handler would shut the context down with all that still waits in it.
-        told_at.append(time.monotonic())
+        told.take(number, time.monotonic())
 
     atexit.register(gc.freeze)  # a collection before the end frees nothing and takes long
     for number in _SIGNALS:
@@ -115,7 +119,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         node = make_node()
         # What is there by now stays. A collection that looked at it would take longer than steps.
         gc.freeze()
-        _spin(node, told_at)
+        _spin(node, told)
     except (VislamError, RuntimeError, ParameterException) as error:
         with suppress(OSError):  # nobody may be left to hear it
             print(f"error: {one_line(ros_reason(error))}", file=sys.stderr)
@@ -125,6 +129,20 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     return 0
+
+
+class _Told:
+    """What the signals say that came so far."""
+
+    def __init__(self) -> None:
+        self.to_end = self.to_hurry = False
+        self._first = 0.0
+
+    def take(self, number: int, now: float) -> None:
+        """Take a signal at a time (s, monotonic)."""
+        if not self.to_end:
+            self.to_end, self._first = True, now
+        self.to_hurry |= number == LAST or now - self._first > _AT_ONCE_SECONDS
 
 
 @contextmanager
@@ -218,7 +236,7 @@ def executor_of(context: Context) -> Executor:
     return executor
 
 
-def _spin(node: Node, told_at: Sequence[float]) -> None:
+def _spin(node: Node, told: _Told) -> None:
     executor = executor_of(node.context)
     caller = _Caller(executor, node)
     monitor = node.monitor if isinstance(node, Monitored) else None
@@ -231,9 +249,9 @@ def _spin(node: Node, told_at: Sequence[float]) -> None:
     try:
         executor.add_node(node)
         ends_itself = node if isinstance(node, EndsItself) else None
-        while not (told_at or (ends_itself is not None and ends_itself.is_told_to_end)):
+        while not (told.to_end or (ends_itself is not None and ends_itself.is_told_to_end)):
             spin_once()
-        while isinstance(node, WindsUp) and not node.wind_up(hurried=_is_hurried(told_at)):
+        while isinstance(node, WindsUp) and not node.wind_up(hurried=told.to_hurry):
             spin_once()
             _work_off(executor, spin_once)
         _let_arrive(node)
@@ -321,10 +339,6 @@ def _work_off(executor: Executor, spin_once: Callable[[float], None]) -> None:
         while not last.done() and time.monotonic() < end:
             spin_once(0.0)
             callbacks += 1
-
-
-def _is_hurried(told_at: Sequence[float]) -> bool:
-    return bool(told_at) and told_at[-1] - told_at[0] > _AT_ONCE_SECONDS
 
 
 def _let_arrive(node: Node) -> None:

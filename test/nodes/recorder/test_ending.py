@@ -52,26 +52,37 @@ def test_without_an_answer_all_steps_are_written(ending):
 
 
 def test_it_is_quiet_when_nothing_came_for_a_while(ending):
-    assert not ending.is_quiet(100.0, 10)
-    assert not ending.is_quiet(100.0 + 0.9 * QUIET_SECONDS, 10)
-    assert ending.is_quiet(100.0 + QUIET_SECONDS + 1e-6, 10)
-    assert not ending.is_quiet(100.5, 11)
+    for inputs, seconds, is_quiet in (
+        (10, 0.0, False),
+        (10, 0.9, False),
+        (10, 1.1, True),
+        (11, 1.2, False),
+        (11, 2.3, True),
+    ):
+        now = 100.0 + seconds * QUIET_SECONDS
+        ending.note_empty(now, inputs, more_may_come=True)
+        assert ending.is_quiet(now) is is_quiet
+
+
+def test_time_alone_makes_nothing_quiet_while_more_may_wait_to_be_taken(ending):
+    ending.note_empty(100.0, 10, more_may_come=True)
+    assert not ending.is_quiet(100.0 + 10 * QUIET_SECONDS)
 
 
 def test_a_stream_that_does_not_end_is_not_waited_for_forever(ending):
-    assert [ending.is_quiet(100.0 + k, 11 + k) for k in (1, 4, 6)] == [False, False, True]
+    assert [ending.is_quiet(100.0 + k) for k in (1, 4, 6)] == [False, False, True]
 
 
 def test_after_a_while_one_moment_is_enough_at_which_nothing_waits(ending):
-    ending.note_empty(100.0 + 0.9 * LINGERING_SECONDS, more_may_come=True)
-    assert not ending.is_quiet(101.0, 11)
-    ending.note_empty(100.0 + 1.1 * LINGERING_SECONDS, more_may_come=True)
-    assert ending.is_quiet(101.2, 12)
+    ending.note_empty(100.0 + 0.9 * LINGERING_SECONDS, 11, more_may_come=True)
+    assert not ending.is_quiet(101.0)
+    ending.note_empty(100.0 + 1.1 * LINGERING_SECONDS, 12, more_may_come=True)
+    assert ending.is_quiet(101.2)
 
 
 def test_where_nobody_is_left_to_send_such_a_moment_is_enough_at_once(ending):
-    ending.note_empty(100.0, more_may_come=False)
-    assert ending.is_quiet(100.0, 11)
+    ending.note_empty(100.0, 11, more_may_come=False)
+    assert ending.is_quiet(100.0)
 
 
 @pytest.mark.parametrize("stamp", [0, 7, 1_317_000_000_000_000_123])

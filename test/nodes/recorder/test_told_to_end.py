@@ -94,6 +94,18 @@ def test_a_recorder_that_is_hurried_ends_as_it_stands(recorder, answers, tmp_pat
     assert (told["steps"], told["incomplete_reason"]) == (2, "the landmark map did not arrive")
 
 
+def test_a_recorder_that_is_the_last_one_takes_what_has_come_and_asks_nobody(
+    recorder, answers, tmp_path, slam_node
+):
+    steps, _ = answers
+    give_step(recorder, steps[0])
+    assert recorder.wind_up(hurried=True) is False
+    give_step(recorder, steps[1], number=2)
+    assert recorder.wind_up(hurried=True) is True
+    assert summary(tmp_path / "run")["steps"] == 2
+    assert not slam_node
+
+
 def test_reports_of_another_robot_s_nodes_are_not_ours(recorder, answers, tmp_path):
     give_slam_report(recorder, resets=1)
     status = conversions.status("/robot2/slam_node", {"peak memory [MB]": 1.0, "resets": 9})

@@ -40,19 +40,23 @@ class Ending(Generic[T]):
         self._inputs, self._changed_at = inputs, now
         self._held: list[tuple[int, T]] = []
         self.last: int | None = None
-        self._is_over = self._was_empty = False
+        self._is_over = self._is_quiet = False
 
-    def note_empty(self, now: float, *, more_may_come: bool) -> None:
-        """Note that nothing waits to be taken, and whether anybody is left who may send."""
-        if not more_may_come or now - self._told_at > LINGERING_SECONDS:
-            self._was_empty = True
+    def note_empty(self, now: float, inputs: int, *, more_may_come: bool) -> None:
+        """Note that nothing waits to be taken, and whether anybody is left who may send.
 
-    def is_quiet(self, now: float, inputs: int) -> bool:
-        """Whether nothing is on its way any more, as far as that can be told."""
+        Only such a moment tells that nothing came: a recorder that had no time to look has not
+        taken anything either.
+        """
         if inputs != self._inputs:
             self._inputs, self._changed_at = inputs, now
-        is_late = now - self._told_at > _LONGEST_SECONDS
-        return self._was_empty or is_late or now - self._changed_at >= QUIET_SECONDS
+        lingered = now - self._told_at > LINGERING_SECONDS
+        nothing_came = now - self._changed_at >= QUIET_SECONDS
+        self._is_quiet = not more_may_come or lingered or nothing_came
+
+    def is_quiet(self, now: float) -> bool:
+        """Whether nothing is on its way any more, as far as that can be told."""
+        return self._is_quiet or now - self._told_at > _LONGEST_SECONDS
 
     def take(self, stamp: int, step: T) -> list[T]:
         """Take a step (ns); return those that are to be written now."""
