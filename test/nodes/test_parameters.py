@@ -3,12 +3,19 @@
 import dataclasses
 
 import pytest
+import rclpy
+from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from vislam_ros.core.filters.joint import JointSettings
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.settings import PredictionSettings, SlamSettings
+from vislam_ros.data.files.parameter_file import (
+    node_parameters,
+    read_parameters,
+    write_parameters,
+)
 from vislam_ros.errors import SettingsError
 from vislam_ros.nodes.parameters import (
     declare_settings,
@@ -102,3 +109,31 @@ def test_names_that_are_not_declared_are_found_with_what_was_meant(node_with):
         "estimater": "; did you mean estimator?",
         "unlike_any": "",
     }
+
+
+@pytest.mark.parametrize("namespace", ["", "robot1", "house/robot1"])
+@pytest.mark.parametrize(
+    "section",
+    [
+        *("/**", "/*", "/**/slam_node", "/*/slam_node", "/robot1/slam_node"),
+        *("/robot1/**", "/robot1/*", "/**/robot1/slam_node", "/house/**", "/house/*/slam_node"),
+    ],
+)
+def test_a_file_s_section_counts_offline_where_ros_has_it_count(
+    tmp_path, domain_id, namespace, section
+):
+    """Where there is something for the robot; what has no namespace counts for each, besides."""
+    own = f"{f'/{namespace}' if namespace else ''}/slam_node"
+    sections = {own: {"seed": 1}}
+    sections.setdefault(section, {})["max_active"] = 7
+    path = tmp_path / "params.yaml"
+    write_parameters(path, sections)
+    context = Context()
+    arguments = ["--ros-args", "-r", f"__ns:=/{namespace}", "--params-file", str(path)]
+    rclpy.init(args=arguments, context=context, domain_id=domain_id)
+    node = Node("slam_node", context=context)
+    heard = node.declare_parameter("max_active", 0).value
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    offline = node_parameters(read_parameters(path), "slam_node", namespace)
+    assert offline.get("max_active", 0) == heard

@@ -25,7 +25,7 @@ from vislam_ros.core.settings import (
 )
 from vislam_ros.data.bags.layout import Frames
 from vislam_ros.data.bags.reader import ReadingRules
-from vislam_ros.data.files.parameter_file import node_parameters, read_parameters
+from vislam_ros.data.files.parameter_file import names_for_all, node_parameters, read_parameters
 from vislam_ros.data.results.completeness import TRACKER
 from vislam_ros.data.results.landmark_map import read_landmarks
 from vislam_ros.errors import SettingsError, VislamError
@@ -115,7 +115,6 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
     """
     file = arguments.params or shared_file("ekf.yaml")
     content = read_parameters(file) if file else {}
-    everyones = content.pop("**", {})  # may well hold parameters of nodes that are not ours
     overrides: dict[str, Any] = {
         "estimator": arguments.estimator,
         "feature_fraction": arguments.fraction,
@@ -139,8 +138,9 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
             # A file that does not speak of it means slam_node's frames for it, too.
             own = {**_among(given["slam_node"], ("base_frame", "camera_frame")), **own}
         try:
-            known = _known(node, {**everyones, **own})
-            given[node] = {**_among(everyones, known | _of_every_node(everyones)), **own}
+            known = _known(node, own)
+            others = names_for_all(content, node) - known - _of_every_node(own)
+            given[node] = {name: value for name, value in own.items() if name not in others}
             checked.update(_checked(node, known, given[node]))
         except SettingsError as error:
             name, _, reason = str(error).partition(": ")
@@ -166,7 +166,7 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
 
 def _misspelt_nodes(names: Iterable[str]) -> Iterator[str]:
     """Notes on nodes of a file that are nearly ours; it may well be for others, too."""
-    nodes = {name.rpartition("/")[2] for name in names}
+    nodes = {name.rpartition("/")[2] for name in names} - {"*", "**"}
     for node in sorted(nodes - SETTINGS_OF_NODES.keys()):
         for ours in difflib.get_close_matches(node, SETTINGS_OF_NODES.keys() - nodes, 1, 0.8):
             yield f"{node}: no node of ours, it changes nothing; did you mean {ours}?"

@@ -103,6 +103,20 @@ def test_robots_that_differ_are_named_where_none_of_them_is_told(namespace: str)
     assert node_parameters(two, "slam_node", namespace)["chi2_gate"] == 16.0
 
 
+def test_sections_for_all_nodes_of_a_robot_count_for_that_robot() -> None:
+    robots: Parameters = {
+        "robot1/slam_node": {"chi2_gate": 9.0},
+        "robot1/**": {"chi2_gate": 4.0, "seed": 1},
+        "robot2/*": {"seed": 2},
+    }
+    assert node_parameters(robots, "slam_node", "robot1") == {"chi2_gate": 9.0, "seed": 1}
+    assert node_parameters(robots, "slam_node", "robot2") == {"seed": 2}
+    with pytest.raises(VislamError, match=r"^/robot1/slam_node and /robot2/slam_node differ in"):
+        node_parameters(robots, "slam_node")
+    del robots["robot2/*"]
+    assert node_parameters(robots, "imu_prediction_node") == {"chi2_gate": 4.0, "seed": 1}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

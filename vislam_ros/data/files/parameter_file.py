@@ -23,6 +23,9 @@ Parameters = dict[str, dict[str, Any]]
 
 _SECTION = "ros__parameters"
 
+# Words of a section's name that stand for others, as ROS has it.
+_ANY = {"*": r"/[^/]+", "**": r"(/[^/]+)*"}
+
 
 # PyYAML takes a second for so many bytes [bytes], and one call of a function for each level.
 _LARGEST, _DEEPEST = 1 << 17, 20
@@ -181,37 +184,72 @@ def _error(path: Path, node: yaml.Node, message: str) -> VislamError:
 def node_parameters(parameters: Parameters, node: str, namespace: str = "") -> dict[str, Any]:
     """Parameters of one node: those for every node, for every namespace, then its own.
 
-    Its own are those of the namespace. Where there are none for that, or none is told, they are
-    those of whatever namespace.
+    In the name of a section ``*`` is any word, ``**`` any number of them, as in ROS. Its own are
+    those of the namespace. Where there are none for that, or none is told, they are those of
+    whatever namespace.
 
     Raises
     ------
     VislamError
         Where they are of several namespaces and differ.
     """
-    result = dict(parameters.get("**", {}))
-    own = {name: each for name, each in parameters.items() if name.rpartition("/")[2] == node}
-    full_name = f"{namespace.strip('/')}/{node}"
-    if full_name in own:
-        own = {
-            name: each for name, each in own.items() if name in (node, full_name) or "*" in name
-        }
-    else:
-        _require_one({name: each for name, each in own.items() if "*" not in name})
-    for name in sorted(own, key=lambda name: (name == full_name, "*" not in name)):
-        result.update(own[name])
+    told = namespace.strip("/")
+    found = _namespaces_of(node, parameters)
+    if not found or told in found or "" in found:
+        return _in_namespace(told, node, parameters)
+    first, *others = found
+    result = _in_namespace(first, node, parameters)
+    for other in others:
+        beside = _in_namespace(other, node, parameters)
+        for name in sorted(result.keys() | beside.keys()):
+            if result.get(name) != beside.get(name):
+                raise VislamError(
+                    f"/{first}/{node} and /{other}/{node} differ in {name}: tell --namespace, "
+                    "or keep one"
+                )
     return result
 
 
-def _require_one(own: Parameters) -> None:
-    """Refuse parameters of one node in several namespaces unless they are the same."""
-    first, *others = own or {"": {}}
-    for other in others:
-        for name in sorted(own[first].keys() | own[other].keys()):
-            if own[first].get(name) != own[other].get(name):
-                raise VislamError(
-                    f"/{first} and /{other} differ in {name}: tell --namespace, or keep one"
-                )
+def names_for_all(parameters: Parameters, node: str) -> set[str]:
+    """Names that only sections for every node hold: they may be of nodes that are not ours."""
+    of_all, own = set[str](), set[str]()
+    for section, values in parameters.items():
+        if _last_word(section) in _ANY:
+            of_all |= values.keys()
+        elif _last_word(section) == node:
+            own |= values.keys()
+    return of_all - own
+
+
+def _namespaces_of(node: str, parameters: Parameters) -> list[str]:
+    """Namespaces by name that have parameters for a node, the first one first."""
+    own = (name for name in parameters if _last_word(name) in (node, *_ANY) and name != "**")
+    found = (name.rpartition("/")[0] for name in own)
+    return list(dict.fromkeys(namespace for namespace in found if "*" not in namespace))
+
+
+def _in_namespace(namespace: str, node: str, parameters: Parameters) -> dict[str, Any]:
+    """Parameters of a node there, the more special ones over the more general ones."""
+    full_name = f"{namespace}/{node}".strip("/")
+
+    def generality(section: str) -> tuple[bool, bool, bool, bool]:
+        is_for_all = _last_word(section) in _ANY
+        return section == "**", is_for_all, "*" in section, section != full_name
+
+    own = (name for name in parameters if name == node or _is_named(full_name, name))
+    result: dict[str, Any] = {}
+    for section in sorted(own, key=generality, reverse=True):
+        result |= parameters[section]
+    return result
+
+
+def _last_word(section: str) -> str:
+    return section.rpartition("/")[2]
+
+
+def _is_named(full_name: str, section: str) -> bool:
+    words = (_ANY.get(word, re.escape(f"/{word}")) for word in section.split("/"))
+    return re.fullmatch("".join(words), f"/{full_name}") is not None
 
 
 def write_parameters(path: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
