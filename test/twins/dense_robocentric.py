@@ -9,12 +9,13 @@ functions (see plain_image_points), exact to rounding, and share nothing with th
 """
 
 import copy
+from typing import NamedTuple
 
 import numpy as np
 from dense_state import BIAS, DRIFT, LENS, POSE, TWIST, DenseState, S
 from numpy.typing import NDArray
 from plain_belief import Told, told_of_both
-from plain_gates import agreeing, given_others, scales_with_tails, stated_factors
+from plain_gates import agreeing, distance, given_others, scales_with_tails, stated_factors
 from plain_image_points import (
     FOUR_ROWS,
     complex_step,
@@ -37,6 +38,15 @@ from vislam_ros.core.noise.track_noise import TrackNoise
 from vislam_ros.core.tracking.tracked_frame import TrackedFrame
 
 Array = NDArray[np.float64]
+
+
+class Shown(NamedTuple):
+    """By how much a frame shows the vehicle to be off, its covariance, and how many agree."""
+
+    delta: Array
+    P: Array
+    agreed: int
+    seen: int
 
 
 class DenseRobocentricFilter(DenseState):
@@ -99,12 +109,17 @@ class DenseRobocentricFilter(DenseState):
             self.frame_rate.add(increment.duration)
         for i, (tau, measured) in enumerate(increment.parts):
             twist, variances = self.walk(tau)
-            if measured is not None:
-                self.measure_twist(measured, blind=i > 0 or self.saw_nothing)
-            is_measured = measured is not None and bool(np.isfinite(measured).all())
+            belied = struck = False
+            if measured is not None and len(increment.parts) == 1:
+                belied, struck = self.belied(measured, frame, tau)
+            used = None if belied else measured
+            if used is not None:
+                self.measure_twist(used, may_jump=i > 0 or self.saw_nothing or struck)
+            is_measured = used is not None and bool(np.isfinite(used).all())
             is_last = i == len(increment.parts) - 1
             is_known = self.told_twist or is_measured or not is_last
-            self.move(tau, None if is_known else self.shown_twist(frame, tau))
+            shown = None if is_known else self.shown(frame, tau)
+            self.move(tau, None if shown is None else self.estimate[TWIST] + shown.delta[TWIST])
         keys = frame.keys.tolist()
         self.saw_nothing = not keys
         known = [i for i, key in enumerate(keys) if key in self.place_of_key]
@@ -123,7 +138,8 @@ class DenseRobocentricFilter(DenseState):
                 H = self.twist_rows()
                 error = np.asarray(measured) - H @ self.estimate
                 error_variance = np.diag(H @ self.P @ H.T).copy()
-                self.motion_noise.update(change, variances, after, error, error_variance, tau)
+                seen = change, variances, after, error, error_variance, tau
+                self.motion_noise.update(*seen, is_used=used is not None)
             foreseen = np.maximum(variances - after, 0.0)
             self.doubted |= (learns and self.motion_noise.begins) | (change**2 > 9.0 * foreseen)
         self.initialize([keys[i] for i in new], frame.pixels[new], factors[new])
@@ -144,14 +160,14 @@ class DenseRobocentricFilter(DenseState):
         self.P[BIAS, BIAS] += settings.gyro_bias_walk_std**2 * tau * np.eye(3)
         return self.estimate[TWIST].copy(), np.diag(self.P)[TWIST].copy()
 
-    def measure_twist(self, measured: Array, *, blind: bool) -> None:
+    def measure_twist(self, measured: Array, *, may_jump: bool) -> None:
         self.motion_noise.add(measured)
         known = np.flatnonzero(np.isfinite(measured))
         H = self.twist_rows()[known]
         R = np.diag(self.motion_noise.twist_variance[known])
         error = measured[known] - H @ self.estimate
         S = np.diag(H @ self.P @ H.T + R)
-        more = blind & (error**2 > 9 * S)
+        more = may_jump & (error**2 > 9 * S)
         self.P[6 + known, 6 + known] += np.where(more, error**2 - S, 0.0)
         self.update(H, R, error)
 
@@ -166,8 +182,35 @@ class DenseRobocentricFilter(DenseState):
         H[3:, BIAS] = np.eye(3)
         return H
 
-    def shown_twist(self, frame: TrackedFrame, tau: float) -> Array | None:
-        """Twist that the frame shows after a motion about the one believed, if that loses none."""
+    def belied(self, measured: Array, frame: TrackedFrame, tau: float) -> tuple[bool, bool]:
+        """Whether the frame belies a measured twist, and the one before it, but not both."""
+        gate, known = self.settings.chi2_gate, np.flatnonzero(np.isfinite(measured))
+        H = self.twist_rows()[known, :S]
+        R = np.diag(self.motion_noise.twist_variance[known])
+        error, P = measured[known] - H @ self.estimate[:S], self.P[:S, :S]
+        if gate == 0 or not np.any(error**2 > 9 * np.diag(H @ P @ H.T + R)):
+            return False, False
+        alone = copy.deepcopy(self)
+        unknown = np.repeat([50.0**2, 2.0**2], 3)
+        alone.P[TWIST, TWIST] += np.diag(np.maximum(unknown - np.diag(P)[TWIST], 0.0))
+        shown = alone.shown(frame, tau)
+        numbers = 0 if shown is None else shown.agreed * len(self.track_noise.components)
+        if shown is None or 2 * shown.agreed <= shown.seen or numbers <= 6:
+            return False, False
+        of_measured = error - H @ shown.delta, H @ shown.P @ H.T + R
+        of_twist = shown.delta[TWIST], shown.P[TWIST, TWIST] + P[TWIST, TWIST]
+        # Velocity, where it is measured, and angular velocity each for itself.
+        far = [
+            (
+                distance(*of_measured, slice(k, k + 3)) > gate,
+                distance(*of_twist, slice(6 - len(known) + k, 9 - len(known) + k)) > gate,
+            )
+            for k in range(0, len(known), 3)
+        ]
+        return (True, False) in far, (False, True) in far
+
+    def shown(self, frame: TrackedFrame, tau: float) -> Shown | None:
+        """What the frame shows of the vehicle after a motion by its twist, if that loses none."""
         after = copy.deepcopy(self)
         after.move(tau)
         keys = [key for key in frame.keys.tolist() if key in self.place_of_key]
@@ -175,16 +218,16 @@ class DenseRobocentricFilter(DenseState):
             return None
         known = np.isin(frame.keys, keys)
         factors = stated_factors(self.track_noise, frame, self.told_V[0, 0])[known]
-        rows, residual, _, S, agreed = after.innovations(keys, frame.pixels[known], factors)
+        rows, residual, _, joint, agreed = after.innovations(keys, frame.pixels[known], factors)
         told = self.track_noise.components
         numbers = (3 * np.array(agreed, dtype=int)[:, None] + told).ravel()
         told_numbers = (
             len(told) * np.array(agreed, dtype=int)[:, None] + np.arange(len(told))
         ).ravel()
-        gain = after.P[TWIST][:, rows.ravel()[numbers]]
-        S = S[np.ix_(told_numbers, told_numbers)]
-        shown: Array = self.estimate[TWIST] + gain @ np.linalg.solve(S, residual.ravel()[numbers])
-        return shown
+        P_xz = after.P[:S][:, rows.ravel()[numbers]]
+        gain = P_xz @ np.linalg.inv(joint[np.ix_(told_numbers, told_numbers)])
+        left = after.P[:S, :S] - gain @ P_xz.T
+        return Shown(gain @ residual.ravel()[numbers], left, len(agreed), len(keys))
 
     def move(self, tau: float, about: Array | None = None) -> None:
         """Move, all linearized about another twist than the one believed, where it is given."""

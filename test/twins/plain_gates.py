@@ -62,3 +62,8 @@ def stated_factors(noise: TrackNoise, frame: TrackedFrame, told_variance: float)
     variances = frame.noise**2 / told_variance
     noise.usual_factor = mean = float(np.mean(variances))
     return np.asarray((variances + max(noise.level - 1, 0) * mean) / max(noise.level, 1))
+
+
+def distance(error: Array, covariance: Array, rows: slice) -> float:
+    """Squared Mahalanobis distance of some rows of an error."""
+    return float(error[rows] @ np.linalg.inv(covariance[rows, rows]) @ error[rows])

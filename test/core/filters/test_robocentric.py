@@ -31,6 +31,8 @@ def drives() -> dict[str, Drive]:
         "gyroscope": made["white"].moved_by("gyro"),
         "stated": dataclasses.replace(made["white"], noise=stated.astype(np.float32)),
         "turning unseen": turning_unseen(made["white"]),
+        "wrong twists": with_wrong_twists(made["white"]),
+        "struck": struck(made["white"]),
     }
 
 
@@ -40,6 +42,28 @@ def turning_unseen(drive: Drive) -> Drive:
     twists[12:15, 5] += [0.5, 1.0, 0.5]
     seen = ~np.isin(np.arange(drive.steps), [12, 13, 14])
     return dataclasses.replace(drive.with_frames(seen), twists=twists)
+
+
+def with_wrong_twists(drive: Drive) -> Drive:
+    """The drive with a twist of nothing, one that is too fast, and one that turns."""
+    twists = drive.twists.copy()
+    twists[12] = 0.0
+    twists[15, 0] += 20.0
+    twists[18, 5] += 2.0
+    return dataclasses.replace(drive, twists=twists)
+
+
+def struck(drive: Drive) -> Drive:
+    """The drive with the motion of three steps in the time of one, as its twist says."""
+    kept = ~np.isin(np.arange(drive.steps), [18, 19])
+    count, twists = np.count_nonzero(kept), drive.twists[kept].copy()
+    twists[18] = drive.twists[18:21].sum(axis=0)
+    return dataclasses.replace(
+        drive.with_frames(kept),
+        twists=twists,
+        twist_stamps=drive.twist_stamps[:count],
+        feature_stamps=drive.feature_stamps[:count],
+    )
 
 
 def told_numbers(outcome: Outcome) -> list[Array]:
@@ -94,6 +118,8 @@ TOLD = [
         *(("gyroscope", *told) for told in TOLD[1:3]),
         *(("stated", *told) for told in TOLD[::2]),
         ("turning unseen", *TOLD[0]),
+        ("wrong twists", *TOLD[0]),
+        ("struck", *TOLD[0]),
     ],
 )
 def test_state_and_covariance_are_the_dense_filters(

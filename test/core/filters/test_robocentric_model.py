@@ -10,6 +10,7 @@ from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.warp import warp
+from vislam_ros.core.operations.innovations import Shown
 
 Array = NDArray[np.float64]
 
@@ -84,3 +85,36 @@ def test_vision_drifts_with_the_way_however_it_is_cut_into_steps() -> None:
 
     assert_allclose(angle_variance(3), angle_variance(30))
     assert_allclose(angle_variance(30) ** 0.5, 0.13e-3 * 12.0**0.5)
+
+
+def judged(shown_twist: Array, *, numbers: int = 60, by_most: bool = True) -> model.Belied:
+    """Judge a twist that is measured as 2 m/s, where none was foreseen, by what images show."""
+    P = np.diag(np.concatenate([np.ones(6), np.full(6, 0.01), np.full(7, 1e-6)]))
+    measured = np.array([2.0, 0, 0, 0, 0, 0])
+    measurement = model.twist_correction(measured, model.Vehicle(), np.full(6, 0.01))
+    delta = np.zeros(model.SIZE)
+    delta[model.TWIST] = shown_twist
+    return model.belied(measurement, P, Shown(delta, P, by_most, numbers), 16.27)
+
+
+STILL, MEASURED = np.zeros(6), np.array([2.0, 0, 0, 0, 0, 0])
+
+
+def test_images_tell_whether_the_measured_twist_is_wrong_or_the_one_foreseen() -> None:
+    assert judged(STILL) == model.Belied(measured=True)
+    assert judged(MEASURED) == model.Belied(foreseen=True)
+
+
+def test_images_that_belie_both_or_none_or_do_not_agree_decide_nothing() -> None:
+    assert not any(judged(-MEASURED))
+    assert not any(judged(MEASURED / 2))
+    assert not any(judged(STILL, by_most=False))
+    assert not any(judged(STILL, numbers=6))
+
+
+def test_a_twist_is_forgotten_to_what_is_known_at_the_start() -> None:
+    P = model.prior_covariance(RobocentricSettings())
+    assert not model.forgotten_twist(P).noise.any()
+    known = P.copy()
+    known[model.TWIST, model.TWIST] *= 1e-4
+    assert_allclose(known + model.forgotten_twist(known).noise, P)

@@ -186,3 +186,16 @@ def test_a_few_wrong_steps_do_not_make_it_noise() -> None:
         noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, error, np.full(6, 1e-6), 0.1)
     white = noise.twist_variance
     assert np.all(white < 0.01)
+
+
+def test_a_twist_that_images_belie_counts_as_three_deviations_off_however_far_it_is() -> None:
+    variance = TWIST**2
+    levels = []
+    for error, is_used in ((3.0 * np.sqrt(2.0 * variance), True), (np.full(6, 1e3), False)):
+        noise = MotionNoise(TWIST, WALK, FrameRate())
+        for _ in range(60):
+            noise.update(np.zeros(6), WALK**2, 0.5 * WALK**2, np.zeros(6), variance, 0.1)
+        step = np.zeros(6), WALK**2, 0.5 * WALK**2, error, variance, 0.1
+        noise.update(*step, is_used=is_used)
+        levels.append(noise.twist_variance)
+    assert_allclose(*levels, rtol=1e-9)

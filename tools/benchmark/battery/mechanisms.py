@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmark.sensitivity.constants import Constant, Value
 from benchmark.sensitivity.varied import varied
-from vislam_ros.core.filters import robocentric
+from vislam_ros.core.filters import robocentric, robocentric_model
 from vislam_ros.core.noise.track_runs import TrackRuns
 from vislam_ros.core.operations.bias_belief import BiasBelief, bias_belief
 
@@ -42,6 +42,10 @@ def _by_constant(module: str, name: str, value: Value) -> Mechanism:
 
 def _no_sum(runs: TrackRuns, indices: NDArray[np.int64], *_: Any) -> NDArray[np.float64]:
     return np.zeros(len(indices))
+
+
+def _believed(*_: Any) -> robocentric_model.Belied:
+    return robocentric_model.Belied()
 
 
 @contextmanager
@@ -73,6 +77,9 @@ MECHANISMS: dict[str, Mechanism] = {
     "bias against none": _by_constant(_BELIEF, "_PRIOR_AT_NONE", 0.0),
     "tempered bias": Mechanism(off=_untempered),
     "slow errors of the twist": _by_constant(_MOTION, "_CONTRADICTED", math.inf),
+    "images against the twist": Mechanism(
+        off=partial(mock.patch.object, robocentric_model, "belied", _believed)
+    ),
     "doubt of the twist": _by_constant(_MODEL, "_DOUBT", 1.0),
     "unforeseen changes": _by_constant(_MODEL, "_UNFORESEEN", math.inf),
 }

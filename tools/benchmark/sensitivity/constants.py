@@ -114,6 +114,7 @@ CONSTANTS: tuple[Constant, ...] = (
         "_FIRST_STEPS",
         "_ENOUGH_STEPS",
         "_CONTRADICTED",
+        "_FARTHEST",
         "_SMALLEST_NOISE",
         "_SMALLEST_WALK",
     ),

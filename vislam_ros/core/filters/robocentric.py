@@ -22,6 +22,7 @@ taken sample by sample, and where samples are missing, 3 is left out:
    noise), which now stands for the constant twist of this step, and the drift of vision in it.
    The twist may have changed by more where the last step left it in doubt.
 3. The prediction's mean twist measures the body's (without a frame in between: unforeseen_walk).
+   Where it is not as foreseen, the present frame tells which of both is wrong (belied).
 4. The body moves, and landmarks are warped by the same and the drift, ``P <- F P F^T``: all noise
    is in the vehicle state already. Those that come behind the camera are marginalized before.
    Where nothing has told the velocity, the last frame neither, this is linearized about the twist
@@ -68,7 +69,7 @@ from vislam_ros.core.operations.bias_belief import BiasBelief, bias_belief
 from vislam_ros.core.operations.direct_correction import DirectCorrection, correct_gradually
 from vislam_ros.core.operations.error_state import ErrorState, Operation, Recorder, Result
 from vislam_ros.core.operations.initialization import Initialization
-from vislam_ros.core.operations.innovations import Innovations
+from vislam_ros.core.operations.innovations import Innovations, Shown
 from vislam_ros.core.operations.marginalization import Marginalization
 from vislam_ros.core.operations.transition import NewBeginning
 from vislam_ros.core.tracking.tracked_frame import Keys, TrackedFrame
@@ -172,11 +173,15 @@ class RobocentricFilter:
             self._frame_rate.add(increment.duration)
         for i, (tau, measured) in enumerate(parts):
             twist, variances = self._walk(tau)
-            if measured is not None:
-                self._measure_twist(measured, blind=i > 0 or self._saw_nothing)
-            is_known = self._told_twist or (measured is not None and measures_velocity(measured))
-            shown = None if is_known or i < len(parts) - 1 else self._shown_twist(frame, tau)
-            behind_camera = np.concatenate([behind_camera, self._move(tau, shown)])
+            belied = model.Belied() if len(parts) > 1 else self._belied(measured, frame, tau)
+            used = None if belied.measured else measured
+            may_jump = i > 0 or self._saw_nothing or belied.foreseen
+            if used is not None:
+                self._measure_twist(used, may_jump=may_jump)
+            is_known = self._told_twist or (used is not None and measures_velocity(used))
+            shown = None if is_known or i < len(parts) - 1 else self._shown(frame, tau)
+            about = None if shown is None else self.vehicle.twist + shown.delta[TWIST]
+            behind_camera = np.concatenate([behind_camera, self._move(tau, about)])
         self._saw_nothing = not len(frame.keys)
         seen = slots, factors = self._seen(frame)
         known, y = slots >= 0, self.image_points
@@ -194,7 +199,9 @@ class RobocentricFilter:
             before, after = variances, P.diagonal()[TWIST].copy()
             change = model.TwistChange(self.vehicle.twist - twist, before, after)
             if learns and measured is not None:
-                model.learn_motion(self._motion_noise, change, self.vehicle, P, measured, tau)
+                error, H = model.twist_error(measured, self.vehicle), model.TWIST_ROWS
+                spread, is_used = np.sum((H @ P) * H, axis=1), used is not None
+                self._motion_noise.update(*change, error, spread, tau, is_used=is_used)
             self._doubted |= (learns and self._motion_noise.begins) | change.unforeseen
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
@@ -256,12 +263,12 @@ class RobocentricFilter:
         self.vehicle = replace(self.vehicle, drift=np.zeros(3))
         return self.vehicle.twist, self._state.vehicle_covariance.diagonal()[TWIST].copy()
 
-    def _measure_twist(self, measured: Array, *, blind: bool) -> None:
+    def _measure_twist(self, measured: Array, *, may_jump: bool) -> None:
         """Correct by the prediction's mean twist (6,), or what there is of it."""
         self._motion_noise.add(measured)
         self._twist_variance = self._motion_noise.twist_variance
         correction = model.twist_correction(measured, self.vehicle, self._twist_variance)
-        if blind:
+        if may_jump:
             self._apply(model.unforeseen_walk(correction, self._state.vehicle_covariance))
         self._shift(self._apply(correction).delta)
 
@@ -279,20 +286,24 @@ class RobocentricFilter:
             self._shift(transition.moved(TWIST, believed - about))
         return behind_camera
 
-    def _shown_twist(self, frame: TrackedFrame, tau: float) -> Array | None:
-        """Twist (6,) that a frame shows, tau seconds from now; None where it shows none."""
+    def _belied(self, measured: Array | None, frame: TrackedFrame, tau: float) -> model.Belied:
+        """Judge an unforeseen measured twist (6,) by the frame, tau seconds from now."""
+        if measured is None or not (gate := self._settings.chi2_gate):
+            return model.Belied()
+        P, noise = self._state.vehicle_covariance, self._motion_noise.twist_variance
+        measurement = model.twist_correction(measured, self.vehicle, noise)
+        if not model.is_unforeseen(measurement, P):
+            return model.Belied()
+        shown = self._shown(frame, tau, model.forgotten_twist(P))
+        return model.belied(measurement, P, shown, gate) if shown else model.Belied()
+
+    def _shown(self, frame: TrackedFrame, tau: float, *before: Operation[None]) -> Shown | None:
+        """What a frame, tau seconds from now, shows of the vehicle state; None if nothing."""
         _, warped, transition = model.motion_of(self._camera, self.image_points, self.vehicle, tau)
         innovations = self._innovations(frame, self._seen(frame), warped.y)
         if not (len(innovations.slots) and warped.ahead.all()):
             return None
-        state = ErrorState(self._state.covariance, SIZE)
-        state.apply(transition)
-        try:
-            agreed = innovations.agreed_in(state)
-        except np.linalg.LinAlgError:
-            return None
-        change = innovations.covariance_in(state, TWIST, agreed) @ agreed.weighted
-        return np.asarray(self.vehicle.twist + change)
+        return innovations.shown_after(self._state.covariance, SIZE, [*before, transition])
 
     def _seen(self, frame: TrackedFrame) -> tuple[Slots, Array]:
         """Slots (n,) of a frame's landmarks, -1 for none, and factors (n,) of their noise."""
@@ -316,7 +327,7 @@ class RobocentricFilter:
         """Correct by observations of active landmarks, but for outliers."""
         if not len(keys):
             return Outcome()
-        inliers = self._inliers(innovations)
+        inliers = innovations.agreed_over_time_in(self._state, self._track_runs)
         chosen = inliers.indices
         rejected = np.delete(keys, chosen)
         if not len(chosen):
@@ -333,16 +344,6 @@ class RobocentricFilter:
         self._track_noise.update(slots, residual, noise, information, inliers.weighted)
         nis = float(seen.ravel() @ inliers.weighted)
         return Outcome(len(slots), 0, rejected, nis, len(inliers.weighted))
-
-    def _inliers(self, innovations: Innovations) -> gating.Inliers:
-        """Those that pass their own gates, and agree with the others and in time."""
-        slots, residual, _, _, used, gate, _ = innovations
-        agreed = innovations.agreed_in(self._state)
-        white = gating.deletion_residuals(agreed, len(used))
-        distances = self._track_runs.update(slots[agreed.indices], used, white)
-        if gate > 0 and np.any(distances > gate):
-            agreed = gating.without(agreed, distances > gate, residual[:, used])
-        return agreed
 
     def _initialize(self, keys: Keys, pixels: Array, factors: Array) -> None:
         """Add landmarks at their first observation."""

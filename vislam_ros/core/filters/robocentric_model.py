@@ -51,9 +51,11 @@ from vislam_ros.core.geometry.camera import StereoCamera
 from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import Warp, warp
+from vislam_ros.core.linalg.gating import mahalanobis_squared
+from vislam_ros.core.linalg.linear_update import diagonal_blocks
 from vislam_ros.core.motion import FIRST_TWIST_STD, Increment, Part, measures_velocity
-from vislam_ros.core.noise.motion_noise import MotionNoise
 from vislam_ros.core.operations.correction import VehicleCorrection
+from vislam_ros.core.operations.innovations import Shown
 from vislam_ros.core.operations.transition import RandomWalk, Transition
 
 Array = NDArray[np.float64]
@@ -241,14 +243,72 @@ def twist_correction(measured: Array, vehicle: Vehicle, variances: Array) -> Veh
 def unforeseen_walk(measurement: VehicleCorrection, covariance: Array) -> RandomWalk:
     """Walk of the vehicle state, of such a covariance (19, 19), as a measured twist shows it.
 
-    Where no frame with features has come since the last sample, and one is off by more than three
-    of its deviations, the twist has changed by more than its walk foresees: the variance of what
-    is measured becomes the square of what it is off.
+    Where no frame with features has come since the last sample, or the frame bears it out, and a
+    number is off by more than three of its deviations, the twist has changed by more than its walk
+    foresees: the variance of what is measured becomes the square of what it is off.
     """
-    H, error = measurement.H, measurement.residual
-    expected = np.sum((H @ covariance) * H, axis=1) + measurement.noise
+    error, expected = measurement.residual, measurement.expected(covariance)
     unforeseen = error**2 > _UNFORESEEN**2 * expected
-    return _walk_of_twist(np.where(unforeseen, error**2 - expected, 0.0) @ H[:, TWIST])
+    return _walk_of_twist(np.where(unforeseen, error**2 - expected, 0.0) @ measurement.H[:, TWIST])
+
+
+def is_unforeseen(measurement: VehicleCorrection, covariance: Array) -> bool:
+    """Whether a measured twist is off by more than three of its deviations on an axis."""
+    expected = measurement.expected(covariance)
+    return bool(np.any(measurement.residual**2 > _UNFORESEEN**2 * expected))
+
+
+class Belied(NamedTuple):
+    """Which of two twists images contradict, where they bear the other one out.
+
+    Attributes
+    ----------
+    measured : bool
+        The one that is measured: its sensor is wrong.
+    foreseen : bool
+        The one that is known without it: the body was struck, or turns as it never did.
+    """
+
+    measured: bool = False
+    foreseen: bool = False
+
+
+def belied(
+    measurement: VehicleCorrection, covariance: Array, shown: Shown, chi2_gate: float
+) -> Belied:
+    """Judge a measured twist, and the one that is known without it, by what images show.
+
+    Both by their squared distances from that, velocity and angular velocity each for itself: three
+    numbers, as of an observation. Most of what is seen must agree, in more numbers than a twist
+    has, else nothing is belied.
+
+    Parameters
+    ----------
+    measurement : VehicleCorrection
+    covariance : ndarray, (19, 19)
+        Of the vehicle state without it.
+    shown : Shown
+        By images alone.
+    chi2_gate : float
+        Bound of the squared distances.
+    """
+    if not (shown.by_most and shown.numbers > len(TWIST_ROWS)):
+        return Belied()
+    H, C = measurement.H, shown.covariance
+    measured, foreseen = (
+        mahalanobis_squared(error.reshape(-1, 3), diagonal_blocks(spread, 3)) > chi2_gate
+        for error, spread in (
+            (measurement.residual - H @ shown.delta, H @ C @ H.T + np.diag(measurement.noise)),
+            (shown.delta[TWIST], C[TWIST, TWIST] + covariance[TWIST, TWIST]),
+        )
+    )
+    foreseen = foreseen[-len(measured) :]  # a gyroscope alone measures the latter half
+    return Belied(bool(np.any(measured & ~foreseen)), bool(np.any(foreseen & ~measured)))
+
+
+def forgotten_twist(covariance: Array) -> RandomWalk:
+    """Walk of the vehicle state, of such a covariance (19, 19), after which no twist is known."""
+    return _walk_of_twist(np.maximum(FIRST_TWIST_STD**2 - covariance.diagonal()[TWIST], 0.0))
 
 
 def _walk_of_twist(variances: Array) -> RandomWalk:
@@ -256,35 +316,6 @@ def _walk_of_twist(variances: Array) -> RandomWalk:
     Q = np.zeros((SIZE, SIZE))
     Q[TWIST, TWIST] = np.diag(variances)
     return RandomWalk(Q)
-
-
-def learn_motion(
-    noise: MotionNoise,
-    change: TwistChange,
-    vehicle: Vehicle,
-    P: Array,
-    measured: Array,
-    tau: float,
-) -> None:
-    """Learn the noise of the motion from a step that vision has seen.
-
-    Parameters
-    ----------
-    noise : MotionNoise
-    change : TwistChange
-        By the step's measurements.
-    vehicle : Vehicle
-        After them.
-    P : ndarray, (19, 19)
-        Its covariance.
-    measured : ndarray, (6,)
-        Twist, metres and radians a second.
-    tau : float
-        Seconds of the step.
-    """
-    H = TWIST_ROWS
-    spread = np.sum((H @ P) * H, axis=1)
-    noise.update(*change, twist_error(measured, vehicle), spread, tau)
 
 
 def motion_of(

@@ -57,6 +57,8 @@ _ENOUGH_STEPS = 50
 _CONTRADICTED = 9.0
 # To save time: their median is taken anew after so many steps.
 _RENEWAL = 10
+# How far off a measured twist may count that was not used [deviations].
+_FARTHEST = 3.0
 # A twist that repeats itself to the last digit is still no better than this [m/s, rad/s].
 _SMALLEST_NOISE = (1e-5, 1e-6)
 # A motion that never changes would make the twist constant for good [m/s/sqrt(s), rad/s/sqrt(s)].
@@ -159,6 +161,8 @@ class MotionNoise:
         error: Array,
         error_variance: Array,
         tau: float,
+        *,
+        is_used: bool = True,
     ) -> None:
         """Learn from a step in which vision has seen the motion.
 
@@ -173,15 +177,20 @@ class MotionNoise:
             measured is NaN.
         tau : float
             Seconds of the step.
+        is_used : bool
+            Whether the measured twist is one that images do not belie. One that they do counts
+            as if it were three deviations off.
         """
         memory, R = self._rate.frames(_MEMORY), self._levels()
         self.walk_variance, self._walk_known = _learned_walk(
             self.walk_variance, self._walk_known, change, before, after, tau, memory
         )
+        if not is_used:
+            farthest = _FARTHEST * np.sqrt(R + error_variance)
+            error = np.clip(error, -farthest, farthest)
         self._seen_noise, self._information = _learned_noise(
             R, self._information, error, error_variance, memory
         )
-
         self._learned += 1
         self._errors.append(np.where(np.isnan(error), 0.0, np.abs(error)))
         while len(self._errors) > memory:

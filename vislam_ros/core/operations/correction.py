@@ -140,6 +140,10 @@ class VehicleCorrection(Operation[Corrected]):
     noise: Array
     H: Array
 
+    def expected(self, covariance: Array) -> Array:
+        """Variances (r,) of the residual where the vehicle state has such a covariance (s, s)."""
+        return np.asarray(np.sum((self.H @ covariance) * self.H, axis=1) + self.noise)
+
     def forward(self, state: ErrorState) -> Corrected:
         """``P <- P - Y^T Y``, of a rank so low that the next operation may do it in passing."""
         Y, white, L = whitened(state.covariance, self.H, self.noise, self.residual)

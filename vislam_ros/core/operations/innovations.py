@@ -1,17 +1,46 @@
 # Copyright the vislam_ros contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Innovations of landmarks whose own three numbers are observed, and which of them agree."""
+"""Innovations of landmarks whose own three numbers are observed: which agree, what they show."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vislam_ros.core.linalg.gating import Inliers, deletion_gate, passes_gates
+from vislam_ros.core.linalg.gating import (
+    Inliers,
+    deletion_gate,
+    deletion_residuals,
+    passes_gates,
+    without,
+)
+from vislam_ros.core.noise.track_runs import TrackRuns
 from vislam_ros.core.operations.direct_correction import DirectCorrection
-from vislam_ros.core.operations.error_state import ErrorState
+from vislam_ros.core.operations.error_state import ErrorState, Operation
 
 Array = NDArray[np.float64]
+
+
+class Shown(NamedTuple):
+    """What the innovations that agree show of a vehicle state.
+
+    Attributes
+    ----------
+    delta : ndarray, (s,)
+        By how much it is off.
+    covariance : ndarray, (s, s)
+        Of what is left of the error.
+    by_most : bool
+        Whether more than half of the innovations agree.
+    numbers : int
+        How many numbers of theirs there are.
+    """
+
+    delta: Array
+    covariance: Array
+    by_most: bool
+    numbers: int
 
 
 class Innovations(NamedTuple):
@@ -68,7 +97,35 @@ class Innovations(NamedTuple):
         agreed = deletion_gate(self.chi2_gate, together.residual, together.inverse_in(state))
         return agreed._replace(indices=alone[agreed.indices])
 
-    def covariance_in(self, state: ErrorState, rows: slice, inliers: Inliers) -> Array:
-        """P_xz (k, m) of some of the vehicle's rows with the inliers' numbers."""
-        seen = state.rows_of(self.slots[inliers.indices])[:, self.components].ravel()
-        return state.covariance[rows][:, seen]
+    def agreed_over_time_in(self, state: ErrorState, runs: TrackRuns) -> Inliers:
+        """Those that agree with each other, and with all that their tracks had before."""
+        agreed, told = self.agreed_in(state), self.components
+        white = deletion_residuals(agreed, len(told))
+        distances = runs.update(self.slots[agreed.indices], told, white)
+        if self.chi2_gate > 0 and np.any(distances > self.chi2_gate):
+            agreed = without(agreed, distances > self.chi2_gate, self.residual[:, told])
+        return agreed
+
+    def shown_after(
+        self, covariance: Array, vehicle_size: int, operations: Sequence[Operation[Any]]
+    ) -> Shown | None:
+        """What those that agree show of the vehicle state, were it so, after some operations.
+
+        None where a covariance is not positive. The covariance (s + 3 n,
+        s + 3 n) stays as it is.
+        """
+        state = ErrorState(covariance, vehicle_size)
+        for operation in operations:
+            state.apply(operation)
+        try:
+            agreed = self.agreed_in(state)
+        except np.linalg.LinAlgError:
+            return None
+        seen = state.rows_of(self.slots[agreed.indices])[:, self.components].ravel()
+        P_xz = state.covariance[:vehicle_size, seen]
+        return Shown(
+            P_xz @ agreed.weighted,
+            state.vehicle_covariance - P_xz @ agreed.inverse @ P_xz.T,
+            2 * len(agreed.indices) > len(self.slots),
+            len(agreed.weighted),
+        )
