@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What solve gives: trajectories with covariances, a table of steps, the numbers of a summary."""
 
+import dataclasses
 import warnings
 
 import numpy as np
@@ -9,10 +10,12 @@ import pytest
 
 from vislam_ros.core.filters.joint import JointSettings
 from vislam_ros.core.step import KINDS
+from vislam_ros.core.verdict.reason import Word
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.evaluation.evaluate import evaluate
 from vislam_ros.data.simulation.simulate import simulate
 from vislam_ros.data.solving import Solution, solve
+from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import SettingsError, VislamError
 
 DRIVE = simulate(steps=40, landmarks=200).drive
@@ -68,6 +71,28 @@ def test_the_summary_has_the_verdict(solution: Solution) -> None:
     assert solution.verdict is not None
     assert solution.summary["verdict"] == solution.verdict.word.value
     assert solution.summary["verdict_reasons"] == list(solution.verdict.reasons)
+
+
+@pytest.mark.parametrize(
+    ("moves", "begin"),
+    [(slice(None, 60), 60), (slice(40, None), 0)],
+    ids=["motion ends early", "motion begins late"],
+)
+def test_a_drive_whose_frames_have_no_pose_is_doubtful(moves: slice, begin: int) -> None:
+    drive = simulate(steps=100, landmarks=500, seed=4).drive
+    assert solve(drive).verdict == (int(drive.feature_stamps[-1]), Word.GOOD, ())
+    cut = dataclasses.replace(
+        drive, twist_stamps=drive.twist_stamps[moves], twists=drive.twists[moves]
+    )
+    solution = solve(cut)
+    assert (len(solution.trajectory), solution.summary["complete"]) == (60, True)
+    assert solution.verdict is not None
+    assert solution.verdict.word is Word.DOUBTFUL
+    (reason,) = solution.verdict.reasons
+    first = int(drive.feature_stamps[begin])
+    assert reason.startswith("40% of the frames have no pose: 40 features_no_prediction (no ")
+    assert reason.endswith(f"the first at {stamp_text(first)} s)")
+    assert solution.summary["verdict_reasons"] == [reason]
 
 
 def test_settings_by_name_are_put_over_those_given() -> None:

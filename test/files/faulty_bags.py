@@ -144,6 +144,10 @@ FAULTS: dict[str, tuple[Change, dict[str, int]]] = {
         changing(TWIST, lambda place, message: message if place else None),
         {"features_no_prediction": 1},
     ),
+    "the last frames have no motion": (
+        changing(TWIST, lambda place, message: message if place < FRAMES - 4 else None),
+        {"features_no_prediction": 4},
+    ),
     "all frames lie behind their motion": (
         from_on([FEATURES], 0, move(0.005)),
         {"features_no_prediction": 1},

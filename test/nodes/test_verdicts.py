@@ -41,6 +41,7 @@ from vislam_ros.nodes.slam_node import SlamNode
 
 SECOND = 1_000_000_000
 WAIT = 30.0
+TOLD = ("steps", "complete", "incomplete_reason", "verdict", "verdict_reasons")
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +147,7 @@ def results(directory):
         files = [folder / name for name in ("trajectory.tum", "dead_reckoning.tum")]
         told.append(
             {
-                **{name: summary[name] for name in ("steps", "complete", "incomplete_reason")},
+                **{name: summary[name] for name in TOLD},
                 "refused": summary["refused"],
                 "refused_first": summary["refused_first"],
                 "bytes": [file.read_bytes() if file.exists() else b"" for file in files],

@@ -206,6 +206,7 @@ def solve(
     summary.set_refused(refused)
     summary.resets = slam.resets
     summary.verdict = verdict
+    summary.judge_lost_frames()
     summary.peak_rss_mb = peak_rss_mb()
     reason = shortfall(len(steps), summary.refused, summary.refused_first)
     summary.complete, summary.incomplete_reason = reason is None, reason
@@ -216,7 +217,7 @@ def solve(
         steps=_table(rows),
         summary=summary.as_dict(),
         refused=refused,
-        verdict=verdict,
+        verdict=summary.verdict,
         smoothed=None if smoothed is None else smoothed_trajectory(smoothed),
     )
 

@@ -41,6 +41,12 @@ def test_the_worst_reason_gives_the_word_and_stands_first() -> None:
     assert Judgement.of(5, []) == (5, Word.GOOD, ())
 
 
+def test_a_doubt_comes_last_and_makes_no_verdict_better() -> None:
+    assert Judgement.of(5, []).with_doubt("c") == (5, Word.DOUBTFUL, ("c",))
+    wrong = Judgement.of(5, [Reason(Word.CONTRADICTION, "b")])
+    assert wrong.with_doubt("c") == (5, Word.CONTRADICTION, ("b", "c"))
+
+
 def test_a_drive_as_it_should_be_is_good(drive: Drive) -> None:
     assert verdict(drive) == (int(drive.feature_stamps[-1]), Word.GOOD, ())
 

@@ -18,6 +18,7 @@ from vislam_ros.data.results.completeness import (
     Ledger,
     NodeReport,
     describe_refused,
+    lost_frames,
     shortfall,
 )
 
@@ -48,6 +49,23 @@ def ledger(imu=None, slam=None, sent=SENT):
     ledger.set_report("imu_prediction_node", imu or imu_report())
     ledger.set_report("slam_node", slam or slam_report())
     return ledger
+
+
+def test_a_tenth_of_the_frames_may_have_no_pose():
+    assert lost_frames(9, {"features_late": 1}, {}) is None
+    told = lost_frames(89, {"features_late": 4, "features_no_prediction": 6}, {})
+    assert told is not None
+    assert told.startswith("10% of the frames have no pose: 4 features_late (it came after")
+    assert "6 features_no_prediction (no predicted motion" in told
+
+
+def test_few_frames_other_streams_and_frames_that_came_twice_are_not_told():
+    assert lost_frames(4, {"features_late": 3}, {}) is None
+    assert lost_frames(5, {"features_late": 3}, {"features_late": "1.5"}) == (
+        "38% of the frames have no pose: 3 features_late (it came after a newer one, the first at "
+        "1.5 s)"
+    )
+    assert lost_frames(9, {"twist_late": 9, "features_duplicate": 9}, {}) is None
 
 
 def test_a_step_for_each_features_message_is_complete():

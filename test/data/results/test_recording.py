@@ -59,6 +59,25 @@ def test_each_pass_has_the_verdict_on_its_own_steps(recording: Recording, tmp_pa
     assert verdict_in(tmp_path / "run" / "pass_002") == ("contradiction", ["one"])
 
 
+def test_each_pass_is_judged_by_the_frames_that_it_lost_itself(
+    recording: Recording, tmp_path: Path
+) -> None:
+    for begin, lost in ((1, 5), (0, 9)):
+        stamps = [stamp + begin for stamp in STAMPS]
+        add_steps(recording, stamps)
+        recording.set_verdict(Judgement(stamps[-1], Word.GOOD, ()))
+        recording.set_refused({"features_late": lost}, {"features_late": "1.5"})
+    recording.finish(complete=True)
+    (first, told), (second, told_then) = (
+        verdict_in(tmp_path / "run" / name) for name in ("", "pass_002")
+    )
+    assert first == second == "doubtful"
+    assert told[0].startswith("50% of the frames have no pose: 5 features_late (it came after")
+    assert "the first at 1.5 s" in told[0]
+    assert told_then[0].startswith("44% of the frames have no pose: 4 features_late")
+    assert "1.5" not in told_then[0]
+
+
 def test_a_verdict_on_all_steps_gives_way_to_no_other(
     recording: Recording, tmp_path: Path
 ) -> None:

@@ -56,3 +56,8 @@ class Judgement(NamedTuple):
         ordered = sorted(reasons, key=lambda reason: -words.index(reason.word))
         word = ordered[0].word if ordered else Word.GOOD
         return cls(stamp, word, tuple(reason.text for reason in ordered))
+
+    def with_doubt(self, text: str) -> "Judgement":
+        """Judge by one reason more, which makes it doubtful at least."""
+        word = Word.DOUBTFUL if self.word is Word.GOOD else self.word
+        return Judgement(self.stamp, word, (*self.reasons, text))

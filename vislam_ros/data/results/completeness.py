@@ -21,6 +21,10 @@ TRACKER = "stereo_tracker_node"
 """The node that makes features of images, where these are sent."""
 
 _FEATURES_WORD = f"{Stream.FEATURES.value}_"
+# A frame was there before with the stamp of this one, and has its pose.
+_DUPLICATE = f"{_FEATURES_WORD}{Refusal.DUPLICATE.word}"
+# Share of the frames without a pose that is told, and with fewer frames nothing is.
+_LOST, _FEWEST_FRAMES = 0.1, 8
 
 
 def counts_from_values(values: Mapping[str, str], prefix: str) -> dict[str, int]:
@@ -64,6 +68,29 @@ def shortfall(steps: int, refused: Mapping[str, int], first: Mapping[str, str]) 
         return f"not one step: {reason}"
     faults = {word: n for word, n in refused.items() if not refusal_of(word).is_of_data}
     return f"refused {describe_refused(faults, first)}" if faults else None
+
+
+def lost_frames(steps: int, refused: Mapping[str, int], first: Mapping[str, str]) -> str | None:
+    """How many frames have no pose, and why, in one line; None where they are few.
+
+    Parameters
+    ----------
+    steps : int
+    refused : mapping of str to int
+        Messages by word, those of other streams, too.
+    first : mapping of str to str
+        Stamp (s) of the first of them.
+    """
+    lost = {
+        word: count
+        for word, count in refused.items()
+        if word.startswith(_FEATURES_WORD) and word != _DUPLICATE
+    }
+    count = sum(lost.values())
+    frames = steps + count
+    if frames < _FEWEST_FRAMES or count <= _LOST * frames:
+        return None
+    return f"{count / frames:.0%} of the frames have no pose: {describe_refused(lost, first)}"
 
 
 @dataclass(frozen=True)

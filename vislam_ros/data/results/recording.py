@@ -159,6 +159,7 @@ class _Pass:
                     self.log.write(made.topic, made.data, made.stamp)
                 self.log.close()
         finally:
+            self.writer.summary.judge_lost_frames()
             self.writer.finish(complete=complete, incomplete_reason=reason)
 
 
@@ -311,13 +312,9 @@ class Recording:
 
     def _write_parameters(self, results: _Pass) -> None:
         if self._parameters:
-            began_with = results.began_with
-            results.writer.set_parameters(
-                {
-                    node: {**own, **began_with.get(node, {})}
-                    for node, own in self._parameters.items()
-                }
-            )
+            told, before = self._parameters.items(), results.began_with
+            began_with = {node: {**own, **before.get(node, {})} for node, own in told}
+            results.writer.set_parameters(began_with)
 
     def set_process(self, *, peak_rss_mb: float | None, resets: int) -> None:
         """Set what only slam_node knows of itself."""
@@ -376,6 +373,7 @@ class Recording:
         self._current = self._open(
             pass_directory(self._directory, self._count), self._previous.time_pass + jumped
         )
+        self._current.writer.summary.refused_before = self._previous.writer.summary.refused
         self._current.began_with = {node: dict(own) for node, own in self._changed.items()}
         self._write_parameters(self._current)
         self._early.append(self._previous)

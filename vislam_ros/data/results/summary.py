@@ -6,6 +6,7 @@ import math
 import reprlib
 import time
 from array import array
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,7 @@ from vislam_ros.core.step import Row, StepTotals, estimates_of, percentile
 from vislam_ros.core.tracking.refusals import RefusalCounts
 from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.files.json_file import read_json
+from vislam_ros.data.results.completeness import lost_frames
 from vislam_ros.data.trajectory import stamp_text
 from vislam_ros.errors import VislamError
 
@@ -42,6 +44,8 @@ class RunSummary:
         Messages that were refused, by stream and reason (see core.tracking.refusals).
     refused_first : mapping of str to str
         Stamp (s) of the first of them, where it has one.
+    refused_before : mapping of str to int
+        Those among ``refused`` that the passes before had.
     latencies_ms : array of float
         From sending features to hearing their pose, where it was measured.
     verdict : Judgement or None
@@ -58,6 +62,7 @@ class RunSummary:
     parameter_changes: int = 0
     refused: Mapping[str, int] = field(default_factory=dict)
     refused_first: Mapping[str, str] = field(default_factory=dict)
+    refused_before: Mapping[str, int] = field(default_factory=dict)
     latencies_ms: "array[float]" = field(default_factory=lambda: array("d"))
     verdict: Judgement | None = None
     complete: bool = False
@@ -81,6 +86,14 @@ class RunSummary:
         self.refused_first = {
             word: stamp_text(stamp) for word, stamp in sorted(refused.first_stamps.items())
         }
+
+    def judge_lost_frames(self) -> None:
+        """Let the verdict know of the frames that have no pose, when all were answered."""
+        own = Counter(self.refused) - Counter(self.refused_before)
+        first = {w: s for w, s in self.refused_first.items() if w not in self.refused_before}
+        lost = lost_frames(self._totals.steps, own, first)
+        if lost and self.verdict is not None:
+            self.verdict = self.verdict.with_doubt(lost)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as JSON takes it; None stands for what is not known.
