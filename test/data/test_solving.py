@@ -116,10 +116,13 @@ def test_a_setting_that_the_estimator_does_not_use_is_warned_of() -> None:
 
 def test_a_drive_without_frames_has_a_table_without_rows() -> None:
     none = Drive.from_tracks([0.0], [[]], [[]], np.zeros((1, 6)), DRIVE.camera, twist_stamps=[5.0])
-    solution = solve(none)
+    with pytest.warns(UserWarning, match=r"^tracks: incomplete: not one step: 1 features_bad_st"):
+        solution = solve(none)
     assert set(solution.steps) == set(KINDS)
     assert len(solution.trajectory) == len(solution.steps["stamp"]) == 0
     assert solution.verdict is None
+    with pytest.raises(VislamError, match=r"^the estimate has no pose"):
+        evaluate(solution.trajectory, solve(DRIVE).trajectory)
 
 
 def test_a_crowd_is_followed_as_far_as_there_is_room_and_the_rest_is_counted() -> None:

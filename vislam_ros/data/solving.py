@@ -160,6 +160,11 @@ def solve(
     VislamError
         Where the drive cannot be read, or does not have the motion that is asked for, or an
         argument is of a wrong type.
+
+    Warns
+    -----
+    UserWarning
+        Why the results are not complete, as where there is no step; which setting is not used.
     """
     if isinstance(drive, (str, Path)):
         drive = load_drive(drive)
@@ -210,6 +215,8 @@ def solve(
     summary.peak_rss_mb = peak_rss_mb()
     reason = shortfall(len(steps), summary.refused, summary.refused_first)
     summary.complete, summary.incomplete_reason = reason is None, reason
+    if reason:
+        warnings.warn(f"{drive.name}: incomplete: {reason}", stacklevel=2)
     return Solution(
         trajectory=trajectory_of(steps),
         dead_reckoning=trajectory_of(predictions),

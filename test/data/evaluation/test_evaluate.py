@@ -109,6 +109,13 @@ def test_trajectories_of_other_times_are_refused() -> None:
         associate(stamped(0, 100), stamped(5000, 5100))
 
 
+def test_a_trajectory_without_a_pose_is_named() -> None:
+    with pytest.raises(VislamError, match=r"^the estimate has no pose"):
+        associate(stamped(0, 100), stamped())
+    with pytest.raises(VislamError, match=r"^the reference has no pose"):
+        associate(stamped(), stamped(0, 100))
+
+
 def test_alignment_recovers_a_rigid_motion() -> None:
     rng = np.random.default_rng(9)
     T = se3.exp([1.0, 2.0, 3.0, 0.5, -2.0, 1.0])

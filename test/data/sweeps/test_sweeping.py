@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+import warnings
 
 import pytest
 
@@ -53,6 +54,16 @@ def test_a_row_is_what_solve_and_evaluate_say(inputs):
     assert row["steps"] == SIMULATION.steps
     assert row["nees_per_dof"] > 0
     json.dumps(row, allow_nan=False)
+
+
+def test_a_run_without_a_step_has_the_reason_as_its_error(inputs):
+    still = dataclasses.replace(
+        inputs.drive, twist_stamps=inputs.drive.twist_stamps[:1], twists=inputs.drive.twists[:1]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        row = execute(SweepInputs(still), plan(chi2_gate=(9.0,)).runs[0])
+    assert row["error"].startswith(f"not one step: {SIMULATION.steps} features_no_prediction (no ")
 
 
 def test_only_what_is_missing_runs_and_the_table_keeps_the_order(tmp_path, inputs):

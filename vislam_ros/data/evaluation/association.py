@@ -77,6 +77,9 @@ def associate_stamps(
     VislamError
         Where fewer than two match.
     """
+    for name, stamps in (("reference", reference), ("estimate", estimate)):
+        if not len(stamps):
+            raise VislamError(f"the {name} has no pose: there is nothing to compare")
     if len(estimate) > len(reference):
         short, long = reference, estimate
     else:

@@ -4,6 +4,7 @@
 
 import math
 import time
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,9 +83,13 @@ def _figures(inputs: SweepInputs, run: SweepRun) -> dict[str, float | None]:
         drive = simulate(run.simulation).drive
         reference = drive.ground_truth
     assert drive is not None
-    solution = solve(
-        drive, run.slam, run.prediction, given_map=inputs.given_map, smooth=inputs.smooth
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the row tells
+        solution = solve(
+            drive, run.slam, run.prediction, given_map=inputs.given_map, smooth=inputs.smooth
+        )
+    if not len(solution.trajectory):
+        raise VislamError(solution.summary["incomplete_reason"])
     figures = _step_figures(solution)
     if reference is not None:
         errors = compare(reference, solution.trajectory, solution.trajectory.covariances)
