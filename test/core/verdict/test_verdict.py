@@ -11,11 +11,14 @@ from reliability.disturbances import DISTURBANCES
 from reliability.outages import Outage
 
 from vislam_ros.core.filters.dead_reckoning import DeadReckoning
+from vislam_ros.core.filters.estimator import Outcome
 from vislam_ros.core.filters.robocentric_settings import RobocentricSettings
 from vislam_ros.core.geometry import se3
+from vislam_ros.core.motion import Increment
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.core.slam import Slam
 from vislam_ros.core.verdict.reason import Judgement, Reason, Word
+from vislam_ros.core.verdict.verdict import Verdict
 from vislam_ros.data.drive import Drive
 from vislam_ros.data.simulation.simulate import simulate
 from vislam_ros.data.solving import feed, solve
@@ -133,6 +136,42 @@ def test_frames_that_see_nothing_are_a_gap_as_frames_that_are_missing(drive: Dri
         pixels=drive.pixels[keep],
     )
     assert "vision was missing for 6.0 s" in verdict(blind).reasons[0]
+
+
+def test_a_stretch_that_vision_contradicts_is_told_with_its_length_and_its_place(
+    drive: Drive,
+) -> None:
+    stands = drive.twists.copy()
+    stands[60:100] = 0.0
+    solution = solve(dataclasses.replace(drive, twists=stands))
+    used, rejected = solution.steps["used"][60:100], solution.steps["rejected"][60:100]
+    assert np.count_nonzero(used) > 5
+    assert np.mean(rejected > used) > 0.9
+    assert solution.verdict is not None
+    assert solution.verdict.word is Word.DOUBTFUL
+    assert any(
+        reason.startswith("vision was missing or contradicted for 4.")
+        and " s, 5.9 s after the start" in reason
+        for reason in solution.verdict.reasons
+    )
+
+
+@pytest.mark.parametrize(("rejected", "is_told"), [(9, False), (10, True)])
+def test_a_frame_is_a_witness_unless_most_of_it_was_rejected(
+    drive: Drive, rejected: int, is_told: bool
+) -> None:
+    judged = Verdict(drive.camera)
+    frame = np.empty(0, dtype=np.uint32), np.empty((0, 4), dtype=np.float32)
+    still = Increment(np.eye(4), 0.1, np.zeros((6, 6)))
+    for k in range(300):
+        # So many that the share of the whole drive is none to speak of.
+        some = range(rejected) if 200 <= k < 240 else ()
+        outcome = Outcome(used=10 if some else 1000, rejected=np.array(some, dtype=np.int64))
+        judged.add(k * SECOND // 10, *frame, still, outcome, frozen=False)
+    reasons = judged.judged().reasons
+    assert bool(reasons) is is_told
+    for reason in reasons:
+        assert reason.startswith("vision was missing or contradicted for 4.1 s, 19.9 s after")
 
 
 def test_what_is_wrong_at_present_begins_and_ends(drive: Drive) -> None:

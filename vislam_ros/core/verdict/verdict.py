@@ -12,6 +12,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,17 @@ class _Count:
         self.scatter += (nis - dof) * (nis - dof)
 
 
+class _Gap(NamedTuple):
+    """A stretch without vision: its length and its begin [ns], and whether frames contradicted it.
+
+    A frame of which no more is used than rejected is none that vision could correct.
+    """
+
+    length: int = 0
+    begin: int = 0
+    contradicted: bool = False
+
+
 class Verdict:
     """Judges the steps of one pass.
 
@@ -79,7 +91,7 @@ class Verdict:
         # Stamp, used, rejected, NIS and its degrees of freedom.
         self._latest: deque[tuple[int, int, int, float, int]] = deque(maxlen=_MOST_STEPS)
         self._begin = self._end = self._seen = 0
-        self._gap, self._gap_begin = 0, 0
+        self._gap, self._contradicted = _Gap(), False
         self._known: dict[bool, tuple[tuple[int, int], tuple[Reason, ...]]] = {}
 
     def add(
@@ -97,10 +109,11 @@ class Verdict:
             self._begin = self._seen = stamp
         self._end = stamp
         used, rejected = outcome.used, len(outcome.rejected)
-        if used:
-            if stamp - self._seen > self._gap:
-                self._gap, self._gap_begin = stamp - self._seen, self._seen
-            self._seen = stamp
+        if outcome.agrees_with_most:
+            self._gap = self._longest_gap(stamp)
+            self._seen, self._contradicted = stamp, False
+        elif outcome.is_contradicted:
+            self._contradicted = True
         nis, dof = float(outcome.nis), outcome.nis_dof
         self._total.add(used, rejected, nis, dof)
         self._latest.append((stamp, used, rejected, nis, dof))
@@ -114,9 +127,6 @@ class Verdict:
         until : int, optional
             Stamp (ns) up to which the motion is known: frames may be missing since the last step.
         """
-        gap, gap_begin = self._gap, self._gap_begin
-        if self._until(until) - self._seen > gap:
-            gap, gap_begin = self._until(until) - self._seen, self._seen
         total = self._total
         rarely = tuple(_of_corrections(total))
         return Judgement.of(
@@ -124,7 +134,7 @@ class Verdict:
             (
                 *self._of_images(None),
                 *_of_counts(total),
-                *(rarely or self._of_gap(gap, gap_begin)),
+                *(rarely or self._of_gap(self._longest_gap(self._until(until)))),
             ),
         )
 
@@ -142,12 +152,18 @@ class Verdict:
             (
                 *self._of_images(since),
                 *_of_counts(recent),
-                *self._of_gap(end - self._seen, self._seen),
+                *self._of_gap(self._latest_gap(end)),
             ),
         )
 
     def _until(self, until: int | None) -> int:
         return self._end if until is None else max(until, self._end)
+
+    def _latest_gap(self, until: int) -> _Gap:
+        return _Gap(until - self._seen, self._seen, self._contradicted)
+
+    def _longest_gap(self, until: int) -> _Gap:
+        return max(self._gap, self._latest_gap(until), key=lambda gap: gap.length)
 
     def _of_images(self, since: int | None) -> tuple[Reason, ...]:
         """Reasons in the images; found anew only where there is more to look at."""
@@ -161,12 +177,14 @@ class Verdict:
         # What the images themselves contradict is no test of the twists.
         return tuple(_of_looks(looks)) or reasons
 
-    def _of_gap(self, gap: int, begin: int) -> Iterator[Reason]:
-        if gap > _LONG:
+    def _of_gap(self, gap: _Gap) -> Iterator[Reason]:
+        if gap.length > _LONG:
+            missing = "missing or contradicted" if gap.contradicted else "missing"
             yield Reason(
                 Word.DOUBTFUL,
-                f"vision was missing for {gap * 1e-9:.1f} s, {(begin - self._begin) * 1e-9:.1f} s "
-                "after the start: the motion of that time is dead reckoning's",
+                f"vision was {missing} for {gap.length * 1e-9:.1f} s, "
+                f"{(gap.begin - self._begin) * 1e-9:.1f} s after the start: the motion of that "
+                "time is dead reckoning's",
             )
 
 
