@@ -37,6 +37,17 @@ def verdict(drive: Drive, **settings: Any) -> Judgement:
     return judgement
 
 
+def judged_of(drive: Drive, outcomes: list[tuple[int, int]]) -> Judgement:
+    """Judge steps of 0.1 s in which so many observations were used, and so many rejected."""
+    judged = Verdict(drive.camera)
+    frame = np.empty(0, dtype=np.uint32), np.empty((0, 4), dtype=np.float32)
+    still = Increment(np.eye(4), 0.1, np.zeros((6, 6)))
+    for k, (used, rejected) in enumerate(outcomes):
+        outcome = Outcome(used=used, rejected=np.arange(rejected))
+        judged.add(k * SECOND // 10, *frame, still, outcome, frozen=False)
+    return judged.judged()
+
+
 def test_the_worst_reason_gives_the_word_and_stands_first() -> None:
     reasons = [Reason(Word.DOUBTFUL, "a"), Reason(Word.CONTRADICTION, "b")]
     assert Judgement.of(5, reasons) == (5, Word.CONTRADICTION, ("b", "a"))
@@ -89,6 +100,15 @@ def test_sliding_tracks_show_in_what_is_rejected_and_cost_little() -> None:
     assert rejected["sliding"] > 4 * rejected["as it is"]
     # So it is good, and may be called so.
     assert errors["sliding"] < 0.5 * errors["unseen"]
+
+
+@pytest.mark.parametrize(("rejected", "is_told"), [(10, False), (12, True)])
+def test_ids_are_named_among_what_may_be_wrong_where_much_is_rejected(
+    drive: Drive, rejected: int, is_told: bool
+) -> None:
+    reasons = judged_of(drive, [(100 - rejected, rejected)] * 100).reasons
+    told = f"{rejected}% of the observations were rejected: tracks, their ids, twists and "
+    assert [reason.startswith(told) for reason in reasons] == [True] * is_told
 
 
 def test_images_that_contradict_themselves_are_no_test_of_the_twists(drive: Drive) -> None:
@@ -160,15 +180,9 @@ def test_a_stretch_that_vision_contradicts_is_told_with_its_length_and_its_place
 def test_a_frame_is_a_witness_unless_most_of_it_was_rejected(
     drive: Drive, rejected: int, is_told: bool
 ) -> None:
-    judged = Verdict(drive.camera)
-    frame = np.empty(0, dtype=np.uint32), np.empty((0, 4), dtype=np.float32)
-    still = Increment(np.eye(4), 0.1, np.zeros((6, 6)))
-    for k in range(300):
-        # So many that the share of the whole drive is none to speak of.
-        some = range(rejected) if 200 <= k < 240 else ()
-        outcome = Outcome(used=10 if some else 1000, rejected=np.array(some, dtype=np.int64))
-        judged.add(k * SECOND // 10, *frame, still, outcome, frozen=False)
-    reasons = judged.judged().reasons
+    # So much is used that the share of the whole drive is none to speak of.
+    outcomes = [(1000, 0)] * 200 + [(10, rejected)] * 40 + [(1000, 0)] * 60
+    reasons = judged_of(drive, outcomes).reasons
     assert bool(reasons) is is_told
     for reason in reasons:
         assert reason.startswith("vision was missing or contradicted for 4.1 s, 19.9 s after")

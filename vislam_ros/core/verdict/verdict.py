@@ -213,8 +213,8 @@ def _of_counts(count: _Count) -> Iterator[Reason]:
     if certain > _REJECTED * gated:
         yield Reason(
             Word.CONTRADICTION if certain > _MOSTLY * gated else Word.DOUBTFUL,
-            f"{count.rejected / gated:.0%} of the observations were rejected: tracks, twists and "
-            "calibration do not agree",
+            f"{count.rejected / gated:.0%} of the observations were rejected: tracks, their ids, "
+            "twists and calibration do not agree",
         )
     if count.excess > max((_NIS - 1.0) * count.dof, _BEYOND_CHANCE * math.sqrt(count.scatter)):
         yield Reason(
