@@ -22,7 +22,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
 from vislam_ros.core.step import Row
-from vislam_ros.core.tracking.refusals import Refusal, RefusedMessage
+from vislam_ros.core.tracking.refusals import Refusal
 from vislam_ros.core.tracking.stamp_pairs import StampPairs
 from vislam_ros.data.bags import decoding
 from vislam_ros.data.bags.calibration import CALIBRATION_TOPICS
@@ -43,7 +43,6 @@ from vislam_ros.data.results.completeness import (
     Ledger,
     NodeReport,
     RecordedSteps,
-    counts_from_values,
 )
 from vislam_ros.data.results.recording import PLAYER_INTERRUPTED, STOPPED, Pose, Raw, Recording
 from vislam_ros.data.results.scene import static_transform
@@ -52,6 +51,7 @@ from vislam_ros.nodes import conversions
 from vislam_ros.nodes.diagnostics import Monitor, neighbour
 from vislam_ros.nodes.parameters import declare_settings, warn_of_undeclared_overrides
 from vislam_ros.nodes.recorder.ending import Ending
+from vislam_ros.nodes.recorder.heard_player import HeardPlayer
 from vislam_ros.nodes.recorder.map_request import MapRequest
 from vislam_ros.nodes.recorder.parameter_changes import Changes, changes_from_values
 from vislam_ros.nodes.recorder.parameter_query import ParameterQuery
@@ -94,7 +94,7 @@ class RecorderNode(Node):
         self.recording = Recording(
             Path(settings.directory), force=settings.force, record_mcap=settings.record_mcap
         )
-        self._player: tuple[str, dict[str, int]] = ("absent", {})
+        self._player = HeardPlayer()
         self._ledger = Ledger()
         self._steps = 0
         self._recorded = RecordedSteps()
@@ -151,7 +151,7 @@ class RecorderNode(Node):
         if pair is None:
             return
         step: _Step = (*pair[0], *pair[1])
-        if self._ending is None or self._has_player():
+        if self._ending is None or self._player.is_there:
             self._add_steps([step])
         else:
             self._add_steps(self._ending.take(stamp, step))
@@ -162,7 +162,7 @@ class RecorderNode(Node):
             if not first_of_pass and self._recorded.has(number, pose.stamp):
                 self.monitor.refuse(Refusal.DUPLICATE, stamp=pose.stamp)
                 continue
-            if not (self._recorded.count or self._has_player()) and number > 1:
+            if not (self._recorded.count or self._player.is_there) and number > 1:
                 self._ledger.join()
             self.recording.add_step(pose, covariance, row, raw_row, latency_ms=latency_ms)
             self.recording.add_changes(pose.stamp, "slam_node", changes)
@@ -198,22 +198,17 @@ class RecorderNode(Node):
     def _on_map_request(self, stamp: int) -> None:
         """Take as of which step slam_node has published the map that was asked for."""
         if self._ending is not None:
-            self._add_steps(self._ending.end_at(stamp, self.recording.last_stamp))
+            last = self.recording.last_stamp
+            self._add_steps(self._ending.end_at(stamp, last, time.monotonic()))
 
     def on_player(self, message: DiagnosticArray, raw: Raw) -> None:
         """Take the player's state and how much it has sent."""
-        values = conversions.status_values(message, "player")
-        try:
-            state, sent = values["state"], counts_from_values(values, "sent ")
-        except KeyError as error:
-            raise RefusedMessage(Refusal.BAD_FIELDS, f"{PLAYER.name}: {error!r}") from error
-        if self._ledger.set_sent(sent):
-            self._steps = 0  # another player has begun
-        if any(sent.get(topic.name) for topic in IMAGES):
-            self._query.expect(TRACKER)
-        if (state, sent) != self._player:
+        if self._player.take(message):
             self._last_progress = time.monotonic()
-        self._player = state, sent
+        if self._ledger.set_sent(self._player.sent):
+            self._steps = 0  # another player has begun
+        if any(self._player.sent.get(topic.name) for topic in IMAGES):
+            self._query.expect(TRACKER)
         self.recording.add_other(raw)
 
     def on_diagnostics(self, message: DiagnosticArray, raw: Raw) -> None:
@@ -253,7 +248,7 @@ class RecorderNode(Node):
 
     def _is_over(self, now: float) -> bool:
         """Whether nothing is to come but the map and the nodes' parameters."""
-        if not self._has_player_ended():
+        if not self._player.has_ended:
             return self._ending is not None
         if self._ledger.is_settled(self._steps) or self._is_quiet(now):
             return True
@@ -264,37 +259,31 @@ class RecorderNode(Node):
 
         While a player is at work there is none: whoever ends the recorder ends the run.
         """
-        if self._ending is None or self._has_player_ended():
+        if self._ending is None or self._player.has_ended:
             return True
-        return not self._has_player() and self._ending.last is None
+        return not self._player.is_there and self._ending.last is None
 
     def _is_done(self, now: float, waited: float) -> bool:
         """Whether these are here, or need not be waited for any longer (s)."""
-        is_stopped = self._ending is not None and self._has_player()
+        is_stopped = self._ending is not None and self._player.is_there
         if is_stopped and not self._is_quiet(now):
             return False
-        if is_stopped and not self._has_player_ended():
+        if is_stopped and not self._player.has_ended:
             return True
         map_may_come = self._map.is_possible and not self._map.failed
-        if self._ending is not None and not map_may_come:
+        if self._ending is not None and (self._ending.is_missed or not map_may_come):
             return self._is_quiet(now)
         # A map that slam_node publishes by itself is not the exact one.
         has_map = self.recording.has_final_map and (self._map.answered or not map_may_come)
         if has_map or not (self._steps or self._ending):
             return self._query.complete or waited > ANSWER_SECONDS
         if self._ending is not None and self._heard_slam_node < now - waited:
-            return waited > (ANSWER_SECONDS if self._player[0] == "absent" else SILENCE_SECONDS)
+            return waited > (ANSWER_SECONDS if self._player.state == "absent" else SILENCE_SECONDS)
         return waited > (self.recording.map_patience if map_may_come else ANSWER_SECONDS)
 
     def _is_quiet(self, now: float) -> bool:
         """Whether the recorder was told to end and nothing comes any more."""
         return self._ending is not None and self._ending.is_quiet(now)
-
-    def _has_player(self) -> bool:
-        return self._player[0] != "absent"
-
-    def _has_player_ended(self) -> bool:
-        return self._player[0] in ("finished", "interrupted")
 
     def _conclude(self) -> None:
         """Close the files and say how the run ended."""
@@ -302,7 +291,7 @@ class RecorderNode(Node):
         if self._ending is not None:
             self._add_steps(self._ending.end_here())
         reason = self._shortfall()
-        ended = self._player[0] == "finished"
+        ended = self._player.state == "finished"
         recording.set_refused(*self._ledger.refused(at_end=ended))
         recording.finish(complete=not reason, reason=reason)
         self.get_logger().info(
@@ -311,11 +300,11 @@ class RecorderNode(Node):
 
     def _shortfall(self) -> str | None:
         """What keeps the run from being whole."""
-        if self._player[0] == "interrupted":
+        if self._player.state == "interrupted":
             return PLAYER_INTERRUPTED
-        if self._player[0] == "finished":
+        if self._player.state == "finished":
             reason = self._ledger.shortfall(self._steps)
-        elif self._player[0] == "absent":
+        elif self._player.state == "absent":
             cut = self._ending is not None and self._ending.last is not None
             reason = self._ledger.gap(self._recorded, to_the_end=not cut)
         else:
@@ -366,13 +355,13 @@ class RecorderNode(Node):
         return "finished" if self.recording.finished else activity, {
             "steps": self._steps,
             "features sent": self._ledger.features_sent,
-            "player": self._player[0],
+            "player": self._player.state,
             "directory": str(self.recording.directory),
         }
 
     def _stopped(self) -> str:
         what = "the recorder could not go on" if self._ending is None else STOPPED
-        return f"{what} while the player was {self._player[0]}"
+        return f"{what} while the player was {self._player.state}"
 
     def destroy_node(self) -> None:
         """Close the files; a run that has not ended is marked as incomplete."""

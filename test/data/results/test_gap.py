@@ -101,6 +101,9 @@ def test_a_first_report_after_the_beginning_is_what_was_before():
 
 def test_without_a_step_or_a_report_there_is_a_reason():
     assert "not one step" in ledger_of(report(0, 0)).gap(RecordedSteps(), to_the_end=False)
+    before = ledger_of(report(10, 10, {"features_queue_full": 1}))
+    reason = before.gap(RecordedSteps(), to_the_end=False)
+    assert reason == "not one step: slam_node had published its 10 before"
     assert Ledger().gap(WHOLE, to_the_end=True) == "slam_node has told nothing of itself"
 
 

@@ -16,14 +16,14 @@ def ending():
 
 def test_steps_are_held_until_the_last_one_is_known(ending):
     assert [ending.take(stamp, f"step {stamp}") for stamp in (5, 6, 7)] == [[], [], []]
-    assert ending.end_at(6, written=4) == ["step 5", "step 6"]
+    assert ending.end_at(6, 4, 100.0) == ["step 5", "step 6"]
     assert ending.take(8, "step 8") == []
     assert ending.end_here() == []
 
 
 def test_steps_on_their_way_to_the_last_one_are_let_through(ending):
     ending.take(5, "step 5")
-    assert ending.end_at(7, written=4) == ["step 5"]
+    assert ending.end_at(7, 4, 100.0) == ["step 5"]
     assert [ending.take(stamp, f"step {stamp}") for stamp in (6, 7, 8)] == [
         ["step 6"],
         ["step 7"],
@@ -33,16 +33,31 @@ def test_steps_on_their_way_to_the_last_one_are_let_through(ending):
 
 def test_a_last_step_that_is_written_already_lets_nothing_more_through(ending):
     ending.take(5, "step 5")
-    assert ending.end_at(4, written=4) == []
+    assert ending.end_at(4, 4, 100.0) == []
     assert ending.take(6, "step 6") == []
     assert ending.end_here() == []
 
 
 def test_the_first_answer_counts(ending):
     ending.take(5, "step 5")
-    ending.end_at(5, written=4)
-    assert ending.end_at(9, written=5) == []
+    ending.end_at(5, 4, 100.0)
+    assert ending.end_at(9, 5, 100.0) == []
     assert ending.last == 5
+
+
+@pytest.mark.parametrize("comes", [True, False])
+def test_a_last_step_that_is_not_here_is_waited_for_until_nothing_comes_any_more(ending, comes):
+    ending.take(5, "step 5")
+    ending.note_empty(110.0, 10, more_may_come=True)
+    assert ending.is_quiet(110.0)
+    assert not ending.is_missed  # nobody has said yet which one it is
+    ending.end_at(6, 4, 110.0)
+    ending.note_empty(110.0 + 0.9 * QUIET_SECONDS, 10, more_may_come=True)
+    assert not ending.is_missed
+    if comes:
+        assert ending.take(6, "step 6") == ["step 6"]
+    ending.note_empty(110.0 + 1.1 * QUIET_SECONDS, 10, more_may_come=True)
+    assert ending.is_missed is not comes
 
 
 def test_without_an_answer_all_steps_are_written(ending):

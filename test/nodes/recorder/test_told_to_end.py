@@ -57,6 +57,22 @@ def test_a_recording_that_is_told_to_end_ends_with_the_step_of_its_map(
     assert len(slam_node) == 1
 
 
+def test_a_recorder_that_began_after_the_last_step_ends_without_it(
+    recorder, answers, tmp_path, slam_node
+):
+    steps, landmarks = answers
+    give_slam_report(recorder, steps=7, **{f"received {FEATURES.name}": 7})
+    recorder.finish()
+    recorder.on_tick()
+    (answer,) = slam_node
+    message = map_answer(len(landmarks), steps[6].stamp)
+    answer.set_result(Trigger.Response(success=True, message=message))
+    give_map(recorder, steps[6].stamp, landmarks)
+    tick_until_finished(recorder)
+    told = summary(tmp_path / "run")
+    assert told["incomplete_reason"] == "not one step: slam_node had published its 7 before"
+
+
 def test_a_recording_of_a_graph_that_is_gone_keeps_what_came_and_misses_the_map(
     recorder, drive, answers, tmp_path
 ):

@@ -321,6 +321,8 @@ class Ledger:
         report = self._reports.get(_SLAM)
         if report is None:
             return "slam_node has told nothing of itself"
+        if report.steps and not recorded.count:
+            return f"not one step: slam_node had published its {report.steps} before"
         late = report.steps - recorded.last if to_the_end and recorded.last is not None else 0
         if lost := recorded.missing + max(0, late):
             return f"{lost} of {recorded.count + lost} steps did not arrive"

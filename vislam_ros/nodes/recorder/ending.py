@@ -36,8 +36,7 @@ class Ending(Generic[T]):
     """
 
     def __init__(self, now: float, inputs: int):
-        self._told_at = now
-        self._inputs, self._changed_at = inputs, now
+        self._inputs, self._since, self._changed_at = inputs, now, now
         self._held: list[tuple[int, T]] = []
         self.last: int | None = None
         self._is_over = self._is_quiet = False
@@ -50,27 +49,36 @@ class Ending(Generic[T]):
         """
         if inputs != self._inputs:
             self._inputs, self._changed_at = inputs, now
-        lingered = now - self._told_at > LINGERING_SECONDS
+        lingered = now - self._since > LINGERING_SECONDS
         nothing_came = now - self._changed_at >= QUIET_SECONDS
         self._is_quiet = not more_may_come or lingered or nothing_came
 
     def is_quiet(self, now: float) -> bool:
         """Whether nothing is on its way any more, as far as that can be told."""
-        return self._is_quiet or now - self._told_at > _LONGEST_SECONDS
+        return self._is_quiet or now - self._since > _LONGEST_SECONDS
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether the last step is not to come: it is not here, and nothing is on its way.
+
+        So it is where slam_node had it before the recorder began.
+        """
+        return self.last is not None and not self._is_over and self._is_quiet
 
     def take(self, stamp: int, step: T) -> list[T]:
         """Take a step (ns); return those that are to be written now."""
         self._held.append((stamp, step))
         return [] if self.last is None else self._release()
 
-    def end_at(self, stamp: int, written: int | None) -> list[T]:
+    def end_at(self, stamp: int, written: int | None, now: float) -> list[T]:
         """End with the step of a stamp (ns), given the last one written; return others to write.
 
-        That step is written already or among those that are held or come.
+        That step is written already, or among those that are held, or comes soon.
         """
         if self.last is not None:
             return []
         self.last = stamp
+        self._since, self._changed_at, self._is_quiet = now, now, False
         self._is_over = stamp == written
         return self._release()
 
