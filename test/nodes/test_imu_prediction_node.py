@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Imu
@@ -20,6 +21,13 @@ from vislam_ros.nodes.topics import message_class
 
 WAIT = 30.0
 TOPIC = PREDICTION.recorded
+
+
+def twist_message(stamp, twist):
+    message = TwistWithCovarianceStamped(header=conversions.header(stamp, "base_link"))
+    v, w = message.twist.twist.linear, message.twist.twist.angular
+    v.x, v.y, v.z, w.x, w.y, w.z = map(float, twist)
+    return message
 
 
 def imu_message(stamp, omega):
@@ -246,6 +254,40 @@ def test_a_gyroscope_without_twists_is_found_and_loses_no_sample(make_node, capt
             assert not published[0]
     assert published[0] == published[1]
     assert len(published[0]) > 250
+
+
+@pytest.mark.parametrize("lag", [0, 3])
+@pytest.mark.parametrize("turns", ["twist", "imu"])
+def test_twists_that_begin_late_take_over_from_the_gyroscope(make_node, capture, lag, turns):
+    """Also where they come later than the gyroscope's samples of their stamps."""
+    node = make_node(ImuPredictionNode, angular_velocity_source=turns)
+    published = capture(node)[TOPIC]
+    for k in range(300):
+        node.on_imu(imu_message(k * 10_000_000, (0.0, 0.0, 0.1)))
+        if k >= 200:
+            node.on_twist(twist_message((k - lag) * 10_000_000, np.array([2.0, 0, 0, 0, 0, 0.1])))
+    told = [decoding.prediction(odometry, DEFAULT_FRAMES) for odometry in published]
+    stamps = [stamp for stamp, *_ in told]
+    assert stamps == list(range(0, (300 - lag) * 10_000_000, 10_000_000))
+    known = [velocity_known for *_, velocity_known in told]
+    assert known == sorted(known)
+    assert 90 <= sum(known) <= 100
+    turned = 2 * np.arccos(told[-1][2][3])
+    assert turned == pytest.approx(0.1 * stamps[-1] * 1e-9)
+    assert node.monitor.refused.counts.keys() <= {"twist_late", "twist_unpaired", "imu_unpaired"}
+    assert node.monitor.refused.counts.total() <= 2 * lag + 4
+
+
+def test_a_twist_that_cannot_be_leaves_the_gyroscope_at_work(make_node, capture, drive):
+    node = make_node(ImuPredictionNode)
+    published = capture(node)[TOPIC]
+    for k in range(300):
+        node.on_imu(imu_message(k * 10_000_000, (0.0, 0.0, 0.1)))
+        if k >= 200:
+            bad = twist_message(k * 10_000_000, np.full(6, np.nan))
+            node.monitor.take(TWIST, serialize_message(bad))
+    assert len(published) == 300
+    assert node.monitor.refused.counts == {"twist_non_finite": 100}
 
 
 def test_where_there_are_twists_the_gyroscope_is_not_taken_as_well(make_node, capture, drive):

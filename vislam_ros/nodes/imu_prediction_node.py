@@ -66,22 +66,26 @@ class ImuPredictionNode(Node):
         stamp, twist = decoding.twist(message, self._frames)
         if self._source == "auto":
             self._choose("twist")
-        if self._source == "gyro":
-            return
         if self._turns_are_imus:
             self._pair(Stream.TWIST, stamp, twist)
         else:
-            self._predict(self.core.add_twist(stamp, twist))
+            self._add_twist(stamp, twist)
 
     def on_imu(self, message: Imu) -> None:
         """Predict by the gyroscope, or if the twist of this stamp is here."""
         stamp, omega = decoding.angular_velocity(message, self._frames)
         sample = stamp, omega, decoding.linear_acceleration(message)
-        if self._source == "gyro":
-            self._predict(self.core.add_angular_velocity(*sample))
-        elif self._source == "auto":
+        if self._source == "auto":
             self._hold(sample)
-        if self._source != "gyro" and self._turns_are_imus:
+        else:
+            self._take(*sample)
+
+    def _take(self, stamp: int, omega: Array, acceleration: Array | None) -> None:
+        """Take a sample of the IMU, now that the source is chosen."""
+        if self._source == "gyro":
+            self._predict(self.core.add_angular_velocity(stamp, omega, acceleration))
+        are_twists = self._source == "twist" or self._passes.has_begun(Stream.TWIST)
+        if self._turns_are_imus and are_twists:
             self._pair(Stream.IMU, stamp, omega)
 
     def _hold(self, sample: Sample) -> None:
@@ -96,8 +100,8 @@ class ImuPredictionNode(Node):
         held, self._held = self._held, []
         if source == "gyro":
             self.get_logger().info(f"no {TWIST.name}: the gyroscope alone measures the motion")
-            for sample in held:
-                self._predict(self.core.add_angular_velocity(*sample))
+        for sample in held:
+            self._take(*sample)
 
     @property
     def _turns_are_imus(self) -> bool:
@@ -108,8 +112,16 @@ class ImuPredictionNode(Node):
         for _, believed, its_values in self._passes.enter(stream, stamp, values):
             if pair := self._pairs.add(_PAIRED.index(stream), believed, its_values):
                 twist, omega = pair
-                whole = np.concatenate([twist[:3], omega])
-                self._predict(self.core.add_twist(believed, whole))
+                self._add_twist(believed, np.concatenate([twist[:3], omega]))
+
+    def _add_twist(self, stamp: int, twist: Array) -> None:
+        """Predict by a twist; the first that is believed ends the time of the gyroscope alone."""
+        self._predict(self.core.add_twist(stamp, twist))
+        if self._source == "gyro" and self.core.has_twists:
+            self._source = "twist"
+            self.get_logger().info(
+                f"{TWIST.name} has begun: twists measure the motion from now on"
+            )
 
     def _refuse_unpaired(self, stream: int, stamp: int) -> None:
         self._refuse(_PAIRED[stream], Refusal.UNPAIRED, stamp)
@@ -152,6 +164,7 @@ class ImuPredictionNode(Node):
             **values_if_over(over),
             "stamp age [s]": stamp_age(self, latest.stamp),
             "predictions": self._published,
+            "motion source": self._source,
             "resets": self.core.resets,
             "position std [m]": position_std,
         }

@@ -187,6 +187,20 @@ def test_without_an_accelerometer_nothing_is_held_and_nothing_levelled(force):
     assert found[0].quaternion.tolist() == [0.0, 0.0, 0.0, 1.0]
 
 
+def test_twists_take_over_from_a_gyroscope_where_its_samples_end():
+    reckoning = DeadReckoning(PredictionSettings())
+    for k in range(11):
+        reckoning.add_angular_velocity(k * SECOND // 10, [0, 0, 0])
+    assert not reckoning.has_twists
+    twist = [2, 0, 0, 0, 0, 0]
+    told = [reckoning.add_twist(k * SECOND // 10, twist) for k in (9, 10, 11)]
+    assert reckoning.has_twists
+    (pose,) = [prediction for predictions in told for prediction in predictions]
+    assert (pose.stamp, pose.velocity_known) == (11 * SECOND // 10, True)
+    assert_allclose(pose.position, [0.2, 0, 0])
+    assert reckoning.refused.counts == {"twist_late": 2}
+
+
 def test_each_pass_is_levelled_anew_and_what_was_held_before_is_not_lost():
     core = DeadReckoning(PredictionSettings())
     samples = standing(0.3, first=100.0) + standing(1.0)

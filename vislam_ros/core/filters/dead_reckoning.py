@@ -26,6 +26,7 @@ from vislam_ros.core.motion import (
 )
 from vislam_ros.core.settings import PredictionSettings, SlamSettings, setting
 from vislam_ros.core.tracking.refusals import (
+    Refusal,
     RefusalCounts,
     RefusedMessage,
     Stream,
@@ -125,7 +126,7 @@ class DeadReckoning:
     def add_angular_velocity(
         self, stamp: int, omega: ArrayLike, acceleration: ArrayLike | None = None
     ) -> list[Prediction]:
-        """Turn the pose up to a stamp by a gyroscope; a pass has either these or twists.
+        """Turn the pose up to a stamp by a gyroscope, as long as there are no twists.
 
         Parameters
         ----------
@@ -170,6 +171,10 @@ class DeadReckoning:
                 self._pass = number
                 self._start()
                 self.resets += 1
+            latest = self._held[-1][0] if self._held else self._stamp
+            if latest is not None and believed <= latest:  # by the other stream
+                self.refused.add(stream, Refusal.LATE, believed)
+                continue
             self._held.append((believed, twist))
             if self._levelling is None or self._levelling.add(believed, twist[3:], acceleration):
                 predictions += self._released()
@@ -181,6 +186,11 @@ class DeadReckoning:
             self._T[:3, :3] = self._levelling.R_world_body
         held, self._held, self._levelling = self._held, [], None
         return [self._predict(*sample) for sample in held]
+
+    @property
+    def has_twists(self) -> bool:
+        """Whether a twist was believed, so that no gyroscope is needed beside them."""
+        return self._passes.has_begun(Stream.TWIST)
 
     @property
     def refused_if_over(self) -> RefusalCounts:

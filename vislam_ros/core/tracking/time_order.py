@@ -186,6 +186,10 @@ class Passes:
         """Pass that a stream is in, or would join."""
         return self._numbers.get(stream, max(self._numbers.values(), default=0))
 
+    def has_begun(self, stream: Stream) -> bool:
+        """Whether a stream has had a message that is believed."""
+        return stream in self._numbers
+
     def enter(self, stream: Stream, stamp: int, message: T) -> list[tuple[int, int, T]]:
         """Take a message that comes now.
 
