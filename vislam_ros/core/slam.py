@@ -65,8 +65,7 @@ class Slam:
     resets : int
         How often the estimate began anew.
     previous_map : LandmarkMap or None
-        The map that the estimate had when it last began anew; the exact one where the session
-        records.
+        The map that the estimate had when it last began anew, exact where the session records.
     previous_verdict : Judgement or None
         The verdict on it then.
 
@@ -151,6 +150,8 @@ class Slam:
     def reset(self) -> None:
         """Begin anew with the next features message, as at the start."""
         self._keep_pass()
+        for stamp in self.waiting:
+            self.refused.add(Stream.FEATURES, Refusal.RESET, stamp)
         paths = list(self._paths.values())
         self._clear(stands=paths[-1].stands if paths else None)  # the odometry goes on
         self.resets += 1
@@ -326,8 +327,7 @@ class Slam:
         first = self._estimator is None
         if self._estimator is None or self._verdict is None:
             assert self._camera is not None
-            self._camera_in_use = self._camera
-            self._rectification_in_use = self._rectification
+            self._camera_in_use, self._rectification_in_use = self._camera, self._rectification
             self._estimator = self._new_estimator(self._camera)
             if path.stands:
                 self._estimator.T_world_body = path.start(frame.stamp)

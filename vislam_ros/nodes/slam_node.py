@@ -212,7 +212,7 @@ class SlamNode(Node):
     def reset(self) -> str:
         """Begin the estimate anew with the next features."""
         self.core.reset()
-        self._received_at.clear()
+        self._publish([])
         return "the estimate begins anew"
 
     def publish_landmarks(self) -> str:

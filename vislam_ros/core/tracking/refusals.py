@@ -41,7 +41,8 @@ class Refusal(enum.Enum):
     word, text : str
     is_of_data : bool
         Whether the message itself is to blame: another run over the same messages refuses it
-        again. The others are faults of the run, which keep it from being complete.
+        again, if it is reset as this one was. The others are faults of the run, which keep it from
+        being complete.
     """
 
     UNDECODABLE = ("undecodable", "its bytes are no message of the topic's type")
@@ -60,6 +61,7 @@ class Refusal(enum.Enum):
     DUPLICATE = ("duplicate", "there was one with the same stamp")
     UNPAIRED = ("unpaired", "the other stream has none with the same stamp")
     NO_PREDICTION = ("no_prediction", "no predicted motion reaches its stamp")
+    RESET = ("reset", "the estimate was told to begin anew while it waited")
     NO_CAMERA = ("no_camera", "the camera's calibration did not come", False)
     QUEUE_FULL = ("queue_full", "too many wait for what they need", False)
     NOT_PUBLISHED = ("not_published", "a subscriber did not take it", False)
