@@ -254,13 +254,22 @@ def test_steps_that_come_again_begin_no_pass(recorder, drive, answers, tmp_path)
     assert not (tmp_path / "run" / "pass_002").exists()
 
 
-def test_a_reset_begins_a_new_directory(recorder, drive, answers, tmp_path):
+@pytest.mark.parametrize("ahead", [-2, 0, 3, 99])
+def test_a_reset_begins_a_new_directory(recorder, drive, answers, tmp_path, ahead):
+    """Predictions may have come before the steps of their stamps, or may come after them."""
     steps, _ = answers
-    for k, step in enumerate(steps):
-        give_step(recorder, step, first_of_pass=k in (0, 5))
+    given = 0
+    for k, step in enumerate([*steps, None, None]):
+        for prediction in drive.predictions[given : max(0, k + 1 + ahead)]:
+            give(recorder.on_prediction, PREDICTION, prediction)
+            given += 1
+        if step is not None:
+            give_step(recorder, step, first_of_pass=k in (0, 5))
     recorder.destroy_node()
-    assert len(read_tum(tmp_path / "run" / "trajectory.tum")) == 5
-    assert len(read_tum(tmp_path / "run" / "pass_002" / "trajectory.tum")) == len(steps) - 5
+    first, second = tmp_path / "run", tmp_path / "run" / "pass_002"
+    for name in ("trajectory.tum", "dead_reckoning.tum"):
+        assert read_tum(first / name).stamps.tolist() == drive.stamps[:5]
+        assert read_tum(second / name).stamps.tolist() == drive.stamps[5:]
     assert summary(tmp_path / "run")["incomplete_reason"] == "the estimate was reset"
 
 

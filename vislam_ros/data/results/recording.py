@@ -5,6 +5,7 @@
 See :func:`vislam_ros.data.results.writer.pass_directory`.
 """
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -15,13 +16,12 @@ from typing import Any
 from numpy.typing import NDArray
 
 from vislam_ros.core.landmarks import LandmarkMap
-from vislam_ros.core.settings import MotionSettings
 from vislam_ros.core.step import Row
-from vislam_ros.core.tracking.time_order import TimeOrder
 from vislam_ros.core.verdict.reason import Judgement
 from vislam_ros.data.bags.encoding import without_padding
 from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.message_log import MessageLog
+from vislam_ros.data.results.prediction_passes import PredictionPasses
 from vislam_ros.data.results.scene import Made, Scene
 from vislam_ros.data.results.writer import ResultWriter, pass_directory
 
@@ -83,10 +83,11 @@ class Pose:
 class _Pass:
     """One result directory that is being written."""
 
-    def __init__(self, directory: Path, *, force: bool, record_mcap: bool, time_pass: int):
+    def __init__(self, directory: Path, *, force: bool, record_mcap: bool):
         self.writer = ResultWriter(directory, force=force)
         self.log = MessageLog(directory / "results.mcap") if record_mcap else None
-        self.time_pass = time_pass
+        self.time_pass = 0
+        self.begin: int | None = None  # where the estimate was reset [ns]
         self.steps = 0
         self.last_stamp: int | None = None
         self.map_stamp: int | None = None
@@ -105,6 +106,11 @@ class _Pass:
     def has_final_map(self) -> bool:
         """Whether the map is the one of the last step."""
         return self.map_stamp is not None and self.map_stamp == self.last_stamp
+
+    def takes_prediction(self, time_pass: int, stamp: int) -> bool:
+        """Whether a predicted pose at a stamp (ns) of a time pass belongs here and can come."""
+        has_begun = self.begin is None or stamp >= self.begin
+        return time_pass == self.time_pass and has_begun and not self.finished
 
     @property
     def has_final_verdict(self) -> bool:
@@ -131,7 +137,8 @@ class _Pass:
         self._write_made(self._scene.add_step, pose)
 
     def write_prediction(self, pose: Pose) -> None:
-        """Log a predicted pose, and what it adds to the scene."""
+        """Write a predicted pose, and log it and what it adds to the scene."""
+        self.writer.add_dead_reckoning(pose.stamp, pose.position, pose.quaternion)
         self.write_raw(pose.raw, pose.stamp)
         self._write_made(self._scene.add_prediction, pose)
 
@@ -191,21 +198,10 @@ class Recording:
         self._changed: dict[str, dict[str, Any]] = {}  # by node, to their present value
         self._latched: dict[Topic, Raw] = {}
         self._early: deque[_Pass] = deque(maxlen=2)  # passes that were over before these
-        self._prediction_pass = 0
-        # slam_node tells of those that it refused for their stamp.
-        self._prediction_order: TimeOrder[Pose] = TimeOrder(
-            MotionSettings().time_jump, lambda _refusal, _stamp: None
-        )
-        self._held: list[tuple[int, Pose]] = []  # of passes that have no step yet
+        self._predictions: PredictionPasses[Pose] = PredictionPasses()
         self._previous: _Pass | None = None
-        self._previous_until = 0.0
-        self._previous_jumped = False
-        self._current = self._open(directory, time_pass=0)
-
-    def _open(self, directory: Path, time_pass: int) -> _Pass:
-        return _Pass(
-            directory, force=self._force, record_mcap=self._record_mcap, time_pass=time_pass
-        )
+        self._previous_until, self._previous_jumped = 0.0, False
+        self._current = _Pass(directory, force=force, record_mcap=record_mcap)
 
     @property
     def directory(self) -> Path:
@@ -245,29 +241,28 @@ class Recording:
         last = self._current.last_stamp
         jumped = last is not None and pose.stamp <= last
         if self._current.finished or jumped or (row["first_of_pass"] and last is not None):
-            self._begin_pass(jumped=jumped)
+            self._begin_pass(pose.stamp, jumped=jumped)
         current = self._current
         current.steps += 1
         current.last_stamp = pose.stamp
+        self._write_predictions(pose.stamp)
         current.writer.add_step(pose.position, pose.quaternion, covariance_body, row)
         current.writer.summary.latencies_ms.append(latency_ms)
         current.write_step(pose, raw_row)
 
     def add_prediction(self, pose: Pose) -> None:
         """Add a predicted pose, to the pass that its stamp belongs to."""
-        for believed in self._prediction_order.enter(pose.stamp, pose):
-            self._prediction_pass += believed.begins_pass
-            if self._prediction_pass > self._current.time_pass:
-                self._held.append((self._prediction_pass, believed.message))
-            else:
-                self._write_prediction(believed.message, self._prediction_pass)
+        self._predictions.enter(pose.stamp, pose)
+        last = self._current.last_stamp
+        self._write_predictions(-math.inf if last is None else last)
 
-    def _write_prediction(self, pose: Pose, time_pass: int) -> None:
-        for results in (self._current, self._previous):
-            if results is not None and results.time_pass == time_pass and not results.finished:
-                results.writer.add_dead_reckoning(pose.stamp, pose.position, pose.quaternion)
-                results.write_prediction(pose)
-                return
+    def _write_predictions(self, until: float = math.inf) -> None:
+        """Write the predicted poses up to a stamp (ns) of the present pass."""
+        for time_pass, stamp, pose in self._predictions.take(self._current.time_pass, until):
+            for results in (self._current, self._previous):
+                if results is not None and results.takes_prediction(time_pass, stamp):
+                    results.write_prediction(pose)
+                    break
 
     def add_landmarks(self, stamp: int, landmarks: LandmarkMap, raw: Raw) -> None:
         """Add a map as of a stamp (ns)."""
@@ -340,7 +335,7 @@ class Recording:
         self._current.refresh()
         if self._previous is not None:
             self._previous.refresh()
-            predictions_are_over = self._prediction_pass > self._previous.time_pass
+            predictions_are_over = self._predictions.time_pass > self._previous.time_pass
             ready = self._previous.has_final_map and predictions_are_over
             if ready or time.monotonic() > self._previous_until:
                 self._finish_previous()
@@ -348,6 +343,7 @@ class Recording:
     def flush(self) -> None:
         """Bring all files up to date now."""
         if not self._current.finished:
+            self._write_predictions()
             self._current.writer.flush()
             if self._current.log is not None:
                 self._current.log.flush()
@@ -355,6 +351,7 @@ class Recording:
     def finish(self, *, complete: bool, reason: str | None = None) -> None:
         """Close all files, saying whether the run ended whole and, if not, why."""
         try:
+            self._write_predictions()
             self._finish_previous()
         finally:
             self._current.finish(complete=complete, reason=reason)
@@ -365,26 +362,24 @@ class Recording:
             self._current.writer.summary.incomplete_reason = reason
             self._current.writer.flush()
 
-    def _begin_pass(self, *, jumped: bool) -> None:
+    def _begin_pass(self, begin: int, *, jumped: bool) -> None:
         self._finish_previous()
         self._count += 1
         self._previous, self._previous_jumped = self._current, jumped
         self._previous_until = time.monotonic() + self._previous.map_patience
-        self._current = self._open(
-            pass_directory(self._directory, self._count), self._previous.time_pass + jumped
+        self._current = _Pass(
+            pass_directory(self._directory, self._count),
+            force=self._force,
+            record_mcap=self._record_mcap,
         )
         self._current.writer.summary.refused_before = self._previous.writer.summary.refused
+        self._current.time_pass = self._previous.time_pass + jumped
+        self._current.begin = None if jumped else begin
         self._current.began_with = {node: dict(own) for node, own in self._changed.items()}
         self._write_parameters(self._current)
         self._early.append(self._previous)
         for raw in self._latched.values():
             self._current.write_raw(raw)
-        held, self._held = self._held, []
-        for time_pass, pose in held:
-            if time_pass > self._current.time_pass:
-                self._held.append((time_pass, pose))
-            else:
-                self._write_prediction(pose, time_pass)
 
     def _finish_previous(self) -> None:
         previous, self._previous = self._previous, None
