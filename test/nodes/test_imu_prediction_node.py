@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
@@ -14,7 +15,14 @@ from vislam_ros.core.filters.dead_reckoning import DeadReckoning
 from vislam_ros.core.geometry import se3
 from vislam_ros.core.settings import PredictionSettings
 from vislam_ros.data.bags import decoding
-from vislam_ros.data.bags.layout import DEFAULT_FRAMES, IMU, PREDICTION, TRANSFORMS, TWIST
+from vislam_ros.data.bags.layout import (
+    DEFAULT_FRAMES,
+    DIAGNOSTICS,
+    IMU,
+    PREDICTION,
+    TRANSFORMS,
+    TWIST,
+)
 from vislam_ros.nodes import conversions
 from vislam_ros.nodes.imu_prediction_node import ImuPredictionNode
 from vislam_ros.nodes.topics import message_class
@@ -138,6 +146,33 @@ def test_angular_velocity_of_the_imu_replaces_the_twist_s(make_node, capture, dr
     node.on_imu(imu_message(drive.stamps[4], omega))
     assert node.monitor.refused.counts == {"twist_unpaired": 1}
     assert node.monitor.refused.first_stamps == {"twist_unpaired": drive.stamps[2]}
+
+
+def status_of(node, published):
+    node.monitor.report()
+    (status,) = published[DIAGNOSTICS.name][-1].status
+    return status.level, status.message
+
+
+def test_an_imu_without_the_stamps_of_the_twists_is_a_warning(make_node, capture, drive):
+    node = make_node(ImuPredictionNode, angular_velocity_source="imu")
+    published = capture(node)
+    assert status_of(node, published) == (DiagnosticStatus.OK, "waiting for imu/twist or imu/data")
+    for message in drive.twists[:3]:
+        node.on_twist(message)
+    awaited = "waiting for imu/data with the stamps of imu/twist"
+    assert status_of(node, published) == (DiagnosticStatus.OK, awaited)
+    for stamp in drive.stamps[:3]:
+        node.on_imu(imu_message(stamp + 1_000_000, (0.0, 0.0, 0.5)))
+    level, message = status_of(node, published)
+    assert level == DiagnosticStatus.WARN
+    told = "angular_velocity_source: imu, and no imu/data has the stamp of a twist"
+    assert message == f"{awaited}; {told}"
+    for k in (3, 4):
+        node.on_twist(drive.twists[k])
+        node.on_imu(imu_message(drive.stamps[k], (0.0, 0.0, 0.5)))
+    status_of(node, published)  # of those without a partner
+    assert status_of(node, published) == (DiagnosticStatus.OK, "running")
 
 
 def test_an_imu_message_without_angular_velocity_is_refused(make_node, drive):

@@ -52,7 +52,7 @@ class ImuPredictionNode(Node):
         self._published = 0
         self._source = prediction_settings.motion_source
         self._held: list[Sample] = []  # of the IMU, until the source is chosen
-        self.monitor = Monitor(self, self._describe)
+        self.monitor = Monitor(self, self._describe, self._warning)
         self._tf = TransformSender(self, self.monitor) if self._settings.publish_tf else None
         self._odometry = self.monitor.advertise(PREDICTION)
         if self._source != "gyro":
@@ -151,14 +151,28 @@ class ImuPredictionNode(Node):
         if self._tf is not None and self._tf.is_heard:
             self._tf.send(conversions.transform_of_odometry(odometry))
 
+    def _awaited(self) -> str:
+        """What has to come before the first prediction."""
+        if self._source == "gyro":
+            return IMU.name
+        if self._source == "auto":
+            return f"{TWIST.name} or {IMU.name}"
+        if self._turns_are_imus and self._passes.has_begun(Stream.TWIST):
+            return f"{IMU.name} with the stamps of {TWIST.name}"
+        return TWIST.name
+
+    def _warning(self) -> str | None:
+        """What is wrong at present."""
+        if not self._pairs.is_left(_PAIRED.index(Stream.TWIST)):
+            return None
+        return f"angular_velocity_source: imu, and no {IMU.name} has the stamp of a twist"
+
     def _describe(self) -> tuple[str, dict[str, object]]:
         latest = self._latest
         over = self._passes.refused_if_over()
         over.merge(self.core.refused_if_over)
         if latest is None:
-            topics = [IMU.name] if self._source == "gyro" else [TWIST.name]
-            topics += [IMU.name] if self._source == "auto" else []
-            return f"waiting for {' or '.join(topics)}", values_if_over(over)
+            return f"waiting for {self._awaited()}", values_if_over(over)
         position_std = float(np.sqrt(np.trace(latest.covariance[:3, :3])))
         return "running", {
             **values_if_over(over),

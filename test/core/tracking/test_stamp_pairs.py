@@ -52,3 +52,13 @@ def test_waiting_values_are_bounded(pairs, unpaired):
     for stamp in range(5000):
         pairs.add(0, stamp, None)
     assert unpaired == [(0, stamp) for stamp in range(4000)]
+
+
+def test_a_value_is_left_when_the_other_stream_has_gone_past_its_stamp(pairs):
+    pairs.add(0, 3, "a")
+    pairs.add(1, 2, "B")
+    assert (pairs.is_left(0), pairs.is_left(1)) == (False, True)
+    pairs.add(1, 4, "D")
+    assert pairs.is_left(0)
+    pairs.add(0, 4, "d")
+    assert (pairs.is_left(0), pairs.is_left(1)) == (False, False)

@@ -23,6 +23,11 @@ class StampPairs:
         self._on_unpaired = on_unpaired
         self._waiting: tuple[OrderedDict[int, Any], ...] = (OrderedDict(), OrderedDict())
 
+    def is_left(self, stream: int) -> bool:
+        """Whether a value of a stream waits, and the other stream has gone past its stamp."""
+        own, other = self._waiting[stream], self._waiting[1 - stream]
+        return bool(own and other) and next(iter(own)) < next(reversed(other))
+
     def add(self, stream: int, stamp: int, value: Any) -> tuple[Any, Any] | None:
         """Add a value of stream 0 or 1 at a stamp (ns); return the pair if it completes one."""
         own, other = self._waiting[stream], self._waiting[1 - stream]
