@@ -297,6 +297,8 @@ class RecorderNode(Node):
         self.get_logger().info(
             f"{recording.directory}: {f'incomplete: {reason}' if reason else 'complete'}"
         )
+        if note := recording.note_on_passes:
+            self.get_logger().info(note)
 
     def _shortfall(self) -> str | None:
         """What keeps the run from being whole."""

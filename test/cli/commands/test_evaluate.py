@@ -186,3 +186,19 @@ def test_the_length_is_that_of_the_part_that_is_compared(tmp_path: Path, capsys:
     figures = json.loads(evaluate(capsys, tmp_path / "part.tum", *words, "--json"))
     compared = figures["trajectory"]["compared_m"]
     assert 0.99 * figures["reference_length_m"] < compared < figures["reference_length_m"]
+
+
+def test_verify_and_evaluate_say_that_there_are_more_passes(
+    runs: Path, tmp_path: Path, capsys: Any
+) -> None:
+    looped = shutil.copytree(runs / "run1", tmp_path / "looped")
+    reference = ("--reference", str(runs / "1.tum"))
+    note = f"note: {looped}: the first of 2 passes; the rest is in pass_002"
+    for command in (["verify", str(looped)], ["evaluate", str(looped), *reference]):
+        capsys.readouterr()
+        assert main(command) == 0
+        assert note not in capsys.readouterr().err
+        shutil.copytree(runs / "run2", looped / "pass_002")
+        assert main(command) == 0
+        assert note in capsys.readouterr().err.splitlines()
+        shutil.rmtree(looped / "pass_002")

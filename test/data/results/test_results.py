@@ -20,7 +20,12 @@ from vislam_ros.core.step import KINDS
 from vislam_ros.data.pictures.results import plot_results
 from vislam_ros.data.results.file_names import OWNED_FILES
 from vislam_ros.data.results.reader import read_results
-from vislam_ros.data.results.writer import COVARIANCE_COLUMNS, ResultWriter
+from vislam_ros.data.results.writer import (
+    COVARIANCE_COLUMNS,
+    ResultWriter,
+    note_on_passes,
+    pass_directory,
+)
 from vislam_ros.data.trajectory import Trajectory
 from vislam_ros.errors import VislamError
 
@@ -354,3 +359,19 @@ def test_results_that_were_not_smoothed_say_so(run: Run, tmp_path: Path) -> None
     results = read_results(tmp_path / "results")
     assert results.smoothed is None
     assert results.smoothed_covariances is None
+
+
+@pytest.mark.parametrize(
+    ("passes", "note"),
+    [
+        (1, None),
+        (2, "the first of 2 passes; the rest is in pass_002"),
+        (4, "the first of 4 passes; the rest is in pass_002 to pass_004"),
+    ],
+)
+def test_a_note_says_that_there_are_more_passes(tmp_path, passes, note):
+    for number in range(1, passes + 1):
+        with ResultWriter(pass_directory(tmp_path, number)):
+            pass
+    pass_directory(tmp_path, passes + 1).mkdir()  # as an earlier run with more of them leaves it
+    assert note_on_passes(tmp_path) == (note and f"{tmp_path}: {note}")

@@ -204,7 +204,9 @@ def test_nothing_of_the_last_flush_is_lost_to_a_kill(recorder, drive, answers, t
     assert seen[LANDMARKS.recorded] == 1
 
 
-def test_a_loop_goes_to_directories_of_its_own(recorder, drive, answers, tmp_path, no_patience):
+def test_a_loop_goes_to_directories_of_its_own(
+    recorder, drive, answers, tmp_path, no_patience, capfd
+):
     steps, landmarks = answers
     for _ in range(3):
         # The prediction runs ahead of the filter, over the jump too.
@@ -216,7 +218,9 @@ def test_a_loop_goes_to_directories_of_its_own(recorder, drive, answers, tmp_pat
         give_map(recorder, steps[-1].stamp, landmarks)
         recorder.on_tick()
     give_player(recorder, "finished", 3 * len(steps))
+    capfd.readouterr()
     tick_until_finished(recorder)
+    assert "the first of 3 passes; the rest is in pass_002 to pass_003" in capfd.readouterr().err
 
     first = tmp_path / "run"
     for directory in (first, first / "pass_002", first / "pass_003"):

@@ -16,6 +16,7 @@ from vislam_ros.cli.exit_codes import OK
 from vislam_ros.cli.lines import answer, tell, tell_next
 from vislam_ros.cli.screen import table_console
 from vislam_ros.data.evaluation.evaluate import WHOLE, evaluate_runs, length_words
+from vislam_ros.data.results.writer import note_on_passes
 from vislam_ros.errors import one_line
 
 _ESTIMATES = {
@@ -50,6 +51,9 @@ def run(arguments: argparse.Namespace) -> int:
         align=arguments.align,
         max_difference=arguments.max_difference,
     )
+    for path in arguments.runs:
+        if note := note_on_passes(path):
+            tell(f"note: {note}")
     if arguments.json:
         print(json.dumps(evaluations if len(evaluations) > 1 else evaluations[0], indent=2))
         return OK

@@ -14,6 +14,7 @@ from vislam_ros.data.bags.reader import read_passes
 from vislam_ros.data.image_sources import read_images
 from vislam_ros.data.images.bags.reader import matches as has_images
 from vislam_ros.data.results.faults import result_faults
+from vislam_ros.data.results.writer import note_on_passes
 from vislam_ros.errors import VislamError
 
 
@@ -23,6 +24,8 @@ def run(arguments: argparse.Namespace) -> int:
     is_result = path.is_dir() and not is_bag(path) and (path / "summary.json").exists()
     if is_result:
         faults, notes = result_faults(path), []
+        if note := note_on_passes(path):
+            tell(f"note: {note}")
     else:
         report = verify_bag(path)
         faults, notes = list(report.faults) or _reading_faults(arguments), list(report.notes)

@@ -23,7 +23,7 @@ from vislam_ros.data.bags.layout import Topic
 from vislam_ros.data.results.message_log import MessageLog
 from vislam_ros.data.results.prediction_passes import PredictionPasses
 from vislam_ros.data.results.scene import Made, Scene
-from vislam_ros.data.results.writer import ResultWriter, pass_directory
+from vislam_ros.data.results.writer import ResultWriter, note_on_passes, pass_directory
 
 #: Why a run is incomplete whose player was told to end.
 PLAYER_INTERRUPTED = "the player was interrupted"
@@ -207,6 +207,11 @@ class Recording:
     def directory(self) -> Path:
         """Directory of the present pass."""
         return self._current.writer.directory
+
+    @property
+    def note_on_passes(self) -> str | None:
+        """Line that says where the other passes are, if there are any."""
+        return note_on_passes(self._directory)
 
     @property
     def finished(self) -> bool:

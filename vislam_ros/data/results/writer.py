@@ -64,6 +64,16 @@ def pass_directories(directory: Path) -> list[Path]:
     return [directory, *sorted(directory.glob("pass_[0-9][0-9][0-9]"))]
 
 
+def note_on_passes(directory: Path) -> str | None:
+    """Line on the passes behind the first one, whose results a directory holds, or None."""
+    folders = pass_directories(directory)[1:]
+    names = [folder.name for folder in folders if (folder / "summary.json").exists()]
+    if not names:
+        return None
+    others = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+    return f"{directory}: the first of {1 + len(names)} passes; the rest is in {others}"
+
+
 class ResultWriter:
     """Writes a result directory; a context manager.
 
