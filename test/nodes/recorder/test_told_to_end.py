@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from vislam_ros.data.bags.layout import DIAGNOSTICS, FEATURES
 from vislam_ros.data.trajectory import read_tum
-from vislam_ros.nodes import conversions
+from vislam_ros.nodes import conversions, recorder_node
 from vislam_ros.nodes.recorder.map_request import map_answer
 
 
@@ -58,8 +58,9 @@ def test_a_recording_that_is_told_to_end_ends_with_the_step_of_its_map(
 
 
 def test_a_recorder_that_began_after_the_last_step_ends_without_it(
-    recorder, answers, tmp_path, slam_node
+    recorder, answers, tmp_path, slam_node, monkeypatch
 ):
+    monkeypatch.setattr(recorder_node, "ANSWER_SECONDS", 1e9)  # as slam_node is there
     steps, landmarks = answers
     give_slam_report(recorder, steps=7, **{f"received {FEATURES.name}": 7})
     recorder.finish()
