@@ -198,4 +198,4 @@ def test_a_twist_that_images_belie_counts_as_three_deviations_off_however_far_it
         step = np.zeros(6), WALK**2, 0.5 * WALK**2, error, variance, 0.1
         noise.update(*step, is_used=is_used)
         levels.append(noise.twist_variance)
-    assert_allclose(*levels, rtol=1e-9)
+    assert_allclose(levels[0], levels[1], rtol=1e-9)

@@ -161,9 +161,11 @@ def test_frames_that_see_nothing_are_a_gap_as_frames_that_are_missing(drive: Dri
 def test_a_stretch_that_vision_contradicts_is_told_with_its_length_and_its_place(
     drive: Drive,
 ) -> None:
-    stands = drive.twists.copy()
-    stands[60:100] = 0.0
-    solution = solve(dataclasses.replace(drive, twists=stands))
+    rng, pixels = np.random.default_rng(5), drive.pixels.copy()
+    frame = np.repeat(np.arange(drive.steps), np.diff(drive.offsets))
+    wrong = (frame >= 60) & (frame < 100) & (rng.random(len(frame)) < 0.75)
+    pixels[wrong] += rng.uniform(-60.0, 60.0, (np.count_nonzero(wrong), 4))
+    solution = solve(dataclasses.replace(drive, pixels=pixels))
     used, rejected = solution.steps["used"][60:100], solution.steps["rejected"][60:100]
     assert np.count_nonzero(used) > 5
     assert np.mean(rejected > used) > 0.9
