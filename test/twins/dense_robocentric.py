@@ -90,6 +90,7 @@ class DenseRobocentricFilter(DenseState):
             self.frame_rate,
             learns=settings.learn_noise,
         )
+        self.twist_variance = self.motion_noise.twist_variance
         # Sums of whitened innovations, by key, and of how many frames.
         self.runs: dict[int, tuple[Array, int]] = {}
         # Keys in the order of the track noise.
@@ -162,9 +163,10 @@ class DenseRobocentricFilter(DenseState):
 
     def measure_twist(self, measured: Array, *, may_jump: bool) -> None:
         self.motion_noise.add(measured)
+        self.twist_variance = self.motion_noise.twist_variance
         known = np.flatnonzero(np.isfinite(measured))
         H = self.twist_rows()[known]
-        R = np.diag(self.motion_noise.twist_variance[known])
+        R = np.diag(self.twist_variance[known])
         error = measured[known] - H @ self.estimate
         S = np.diag(H @ self.P @ H.T + R)
         more = may_jump & (error**2 > 9 * S)
@@ -186,7 +188,7 @@ class DenseRobocentricFilter(DenseState):
         """Whether the frame belies a measured twist, and the one before it, but not both."""
         gate, known = self.settings.chi2_gate, np.flatnonzero(np.isfinite(measured))
         H = self.twist_rows()[known, :S]
-        R = np.diag(self.motion_noise.twist_variance[known])
+        R = np.diag(self.twist_variance[known])
         error, P = measured[known] - H @ self.estimate[:S], self.P[:S, :S]
         if gate == 0 or not np.any(error**2 > 9 * np.diag(H @ P @ H.T + R)):
             return False, False

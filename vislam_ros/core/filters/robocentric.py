@@ -290,8 +290,8 @@ class RobocentricFilter:
         """Judge an unforeseen measured twist (6,) by the frame, tau seconds from now."""
         if measured is None or not (gate := self._settings.chi2_gate):
             return model.Belied()
-        P, noise = self._state.vehicle_covariance, self._motion_noise.twist_variance
-        measurement = model.twist_correction(measured, self.vehicle, noise)
+        P = self._state.vehicle_covariance
+        measurement = model.twist_correction(measured, self.vehicle, self._twist_variance)
         if not model.is_unforeseen(measurement, P):
             return model.Belied()
         shown = self._shown(frame, tau, model.forgotten_twist(P))
