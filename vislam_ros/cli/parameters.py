@@ -166,7 +166,7 @@ def run_parameters(arguments: argparse.Namespace) -> RunParameters:
 
 def _misspelt_nodes(names: Iterable[str]) -> Iterator[str]:
     """Notes on nodes of a file that are nearly ours; it may well be for others, too."""
-    nodes = {name.rpartition("/")[2] for name in names} - {"*", "**"}
+    nodes = {name.rpartition("/")[2] for name in names}
     for node in sorted(nodes - SETTINGS_OF_NODES.keys()):
         for ours in difflib.get_close_matches(node, SETTINGS_OF_NODES.keys() - nodes, 1, 0.8):
             yield f"{node}: no node of ours, it changes nothing; did you mean {ours}?"

@@ -199,9 +199,8 @@ class RobocentricFilter:
             before, after = variances, P.diagonal()[TWIST].copy()
             change = model.TwistChange(self.vehicle.twist - twist, before, after)
             if learns and measured is not None:
-                error, H = model.twist_error(measured, self.vehicle), model.TWIST_ROWS
-                spread, is_used = np.sum((H @ P) * H, axis=1), used is not None
-                self._motion_noise.update(*change, error, spread, tau, is_used=is_used)
+                error, spread = model.twist_error(measured, self.vehicle), model.twist_spread(P)
+                self._motion_noise.update(*change, error, spread, tau, is_used=used is not None)
             self._doubted |= (learns and self._motion_noise.begins) | change.unforeseen
         # What is behind the camera is not what is seen: its track begins anew at the next frame.
         contradicted = is_member(frame.keys, behind_camera)
@@ -292,7 +291,7 @@ class RobocentricFilter:
             return model.Belied()
         P = self._state.vehicle_covariance
         measurement = model.twist_correction(measured, self.vehicle, self._twist_variance)
-        if not model.is_unforeseen(measurement, P):
+        if not model.unforeseen(measurement, P).any():
             return model.Belied()
         shown = self._shown(frame, tau, model.forgotten_twist(P))
         return model.belied(measurement, P, shown, gate) if shown else model.Belied()

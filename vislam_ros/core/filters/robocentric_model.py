@@ -52,7 +52,7 @@ from vislam_ros.core.geometry.lens import radial_shift
 from vislam_ros.core.geometry.observation import StereoObservation
 from vislam_ros.core.geometry.warp import Warp, warp
 from vislam_ros.core.linalg.gating import mahalanobis_squared
-from vislam_ros.core.linalg.linear_update import diagonal_blocks
+from vislam_ros.core.linalg.linear_update import diagonal_blocks, spread
 from vislam_ros.core.motion import FIRST_TWIST_STD, Increment, Part, measures_velocity
 from vislam_ros.core.operations.correction import VehicleCorrection
 from vislam_ros.core.operations.innovations import Shown
@@ -233,6 +233,11 @@ def twist_error(measured: Array, vehicle: Vehicle) -> Array:
     return error
 
 
+def twist_spread(covariance: Array) -> Array:
+    """Variances (6,) of the twist that is to be measured, where the vehicle's is (19, 19)."""
+    return spread(TWIST_ROWS, covariance)
+
+
 def twist_correction(measured: Array, vehicle: Vehicle, variances: Array) -> VehicleCorrection:
     """Correction by a measured twist (6,) of such noise (6,), or by what there is of it."""
     known = slice(0 if measures_velocity(measured) else 3, 6)
@@ -247,15 +252,16 @@ def unforeseen_walk(measurement: VehicleCorrection, covariance: Array) -> Random
     number is off by more than three of its deviations, the twist has changed by more than its walk
     foresees: the variance of what is measured becomes the square of what it is off.
     """
-    error, expected = measurement.residual, measurement.expected(covariance)
-    unforeseen = error**2 > _UNFORESEEN**2 * expected
-    return _walk_of_twist(np.where(unforeseen, error**2 - expected, 0.0) @ measurement.H[:, TWIST])
+    beyond = measurement.residual**2 - measurement.expected(covariance)
+    more = np.where(unforeseen(measurement, covariance), beyond, 0.0)
+    return _walk_of_twist(more @ measurement.H[:, TWIST])
 
 
-def is_unforeseen(measurement: VehicleCorrection, covariance: Array) -> bool:
-    """Whether a measured twist is off by more than three of its deviations on an axis."""
+def unforeseen(measurement: VehicleCorrection, covariance: Array) -> NDArray[np.bool_]:
+    """Which numbers of a measured twist are off by more than three of their deviations."""
     expected = measurement.expected(covariance)
-    return bool(np.any(measurement.residual**2 > _UNFORESEEN**2 * expected))
+    off: NDArray[np.bool_] = measurement.residual**2 > _UNFORESEEN**2 * expected
+    return off
 
 
 class Belied(NamedTuple):
@@ -296,8 +302,8 @@ def belied(
         return Belied()
     H, C = measurement.H, shown.covariance
     measured, foreseen = (
-        mahalanobis_squared(error.reshape(-1, 3), diagonal_blocks(spread, 3)) > chi2_gate
-        for error, spread in (
+        mahalanobis_squared(error.reshape(-1, 3), diagonal_blocks(S, 3)) > chi2_gate
+        for error, S in (
             (measurement.residual - H @ shown.delta, H @ C @ H.T + np.diag(measurement.noise)),
             (shown.delta[TWIST], C[TWIST, TWIST] + covariance[TWIST, TWIST]),
         )

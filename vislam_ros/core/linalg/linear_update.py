@@ -36,6 +36,11 @@ def marginal(P: Array, rows: NDArray[np.int64], scratch: Scratch) -> Array:
     return rest
 
 
+def spread(H: Array, P: Array) -> Array:
+    """Diagonal (r,) of ``H P H^T``: variances of what depends so on errors of covariance P."""
+    return np.asarray(np.sum((H @ P) * H, axis=1))
+
+
 class Corrected(NamedTuple):
     """What a correction has found, with ``S = L L^T``.
 

@@ -20,6 +20,7 @@ from vislam_ros.core.linalg.linear_update import (
     Corrected,
     correct,
     diagonal_blocks,
+    spread,
     take,
     whitened,
 )
@@ -142,7 +143,7 @@ class VehicleCorrection(Operation[Corrected]):
 
     def expected(self, covariance: Array) -> Array:
         """Variances (r,) of the residual where the vehicle state has such a covariance (s, s)."""
-        return np.asarray(np.sum((self.H @ covariance) * self.H, axis=1) + self.noise)
+        return spread(self.H, covariance) + self.noise
 
     def forward(self, state: ErrorState) -> Corrected:
         """``P <- P - Y^T Y``, of a rank so low that the next operation may do it in passing."""

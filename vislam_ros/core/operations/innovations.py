@@ -111,8 +111,7 @@ class Innovations(NamedTuple):
     ) -> Shown | None:
         """What those that agree show of the vehicle state, were it so, after some operations.
 
-        None where a covariance is not positive. The covariance (s + 3 n,
-        s + 3 n) stays as it is.
+        None where a covariance is not positive. The one given (s + 3 n, s + 3 n) stays as it is.
         """
         state = ErrorState(covariance, vehicle_size)
         for operation in operations:
